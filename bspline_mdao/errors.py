@@ -31,7 +31,7 @@ class InputError(ValueError):
 
 
 class MovementError(ArithmeticError):
-    """A movement that cannot be done: a request that no mesh can follow, or a system that has no solution.
+    """A move that is not possible: a request that no mesh can follow, or a system without a solution.
 
     The message is one line that says where (increment, block, index) and what to do. Components raise it as
     ``om.AnalysisError``, so that a driver takes a smaller step.
@@ -52,7 +52,7 @@ class MovementError(ArithmeticError):
 
 
 class SolverError(RuntimeError):
-    """A flow solver of others that gave no solution: it is missing, diverged, was killed or took too long.
+    """An external flow solver without a solution: it is missing, diverged, was killed or took too long.
 
     The first line of the message says which program, where, why and what to do; the last lines of its log follow.
     Components raise it as ``om.AnalysisError``, so that a driver takes a smaller step.
@@ -69,7 +69,7 @@ class SolverError(RuntimeError):
 
 
 class FitWarning(UserWarning):
-    """A fit that can be used, but whose control mesh has invalid elements, which movers may not survive.
+    """A usable fit whose control mesh has invalid elements, on which movers may fail.
 
     `fit_grid` gives one such warning per fit, at the line that called it. The message is one line that says how many
     elements there are, where the worst is and what to do; the report of the model has it as well.
@@ -87,7 +87,7 @@ class FitWarning(UserWarning):
 
 
 class SpuriousDragWarning(UserWarning):
-    """Drag that is an objective or a constraint, of which more than a tenth comes from the errors of the grid.
+    """A drag in an objective or a constraint of which more than a tenth is an error of the grid.
 
     `EulerFlow` gives one such warning for each problem, when it first runs. The message is one line that says how the
     drag is made up and what to do.
@@ -101,7 +101,7 @@ class SpuriousDragWarning(UserWarning):
 
 
 class DerivativeModeWarning(UserWarning):
-    """Gradients that take at least twice as many linear solves of the flow as they would in the other mode.
+    """Gradients take at least twice as many linear solves of the flow as in the other mode.
 
     `EulerFlow` gives one such warning for each problem, with its first gradient. The message is one line that says how
     many they are in both modes, and which mode to set up.
@@ -115,7 +115,7 @@ class DerivativeModeWarning(UserWarning):
 
 
 class MachNumberWarning(UserWarning):
-    """A Mach number at which the flow was not compared with exact solutions, other codes or measurements.
+    """A Mach number outside the range that was compared with exact solutions, other codes or measurements.
 
     `EulerFlow` and the vortex lattice give one such warning for each problem, when they first run at such a number. The
     message is one line that says which numbers were.
@@ -129,7 +129,7 @@ class MachNumberWarning(UserWarning):
 
 
 class ReferenceWarning(UserWarning):
-    """References of a flow that look wrong: axes, a reference area, or forces that the solver finds to be others.
+    """Doubtful references of a flow: axes, a reference area, or forces that differ from the solver's.
 
     `OpenFoamFlow` gives one such warning for each doubt, after its first solution. The message is one line with the
     numbers. Nothing is refused, since all of it may be meant so.

@@ -44,7 +44,7 @@ def richardson(values: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def central_difference(function: Callable[[float], np.ndarray], step: float = 1e-2, levels: int = 4) -> np.ndarray:
-    """Differentiate a function of one number at zero by central differences at halved steps, extrapolated to none.
+    """Differentiate a function of one number at zero by central differences, extrapolated to a step of zero.
 
     Parameters
     ----------

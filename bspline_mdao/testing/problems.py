@@ -149,7 +149,7 @@ def total_difference(
 
 
 def perturb_design(problem: om.Problem, size: float = 0.1, seed: int = 4) -> om.Problem:
-    """Run a problem with every design variable off its present value, away from where derivatives happen to vanish.
+    """Run a problem with every design variable perturbed, away from points where derivatives happen to vanish.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def perturb_design(problem: om.Problem, size: float = 0.1, seed: int = 4) -> om.
 
 
 def assert_partials(problem: om.Problem, **tolerances: float) -> None:
-    """Check the partial derivatives of all components, and let none pass that has none or only zeros.
+    """Check the partial derivatives of all components; missing ones and zeros fail.
 
     Parameters
     ----------

@@ -86,7 +86,7 @@ def n_launched() -> int:
 
 @contextmanager
 def together(comm: Any) -> Iterator[None]:
-    """Raise on all processes what one of them raises, in a body without collective calls.
+    """Raise the exception of one process on all of them, in a body without collective calls.
 
     Within another one it does nothing: the outer one does it.
 
@@ -150,7 +150,7 @@ def _packed(failure: Exception | None) -> bytes:
 
 
 def summed(comm: Any, array: np.ndarray) -> np.ndarray:
-    """Sum of an array of every process, on every one of them: the same bits everywhere.
+    """Sum an array over all processes, with the same bits on every one.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def gathered(
 
 
 def from_all(comm: Any, item: Any) -> list:
-    """What every process gives, in the order of their ranks, on every one of them.
+    """Gather a value from every process, in the order of ranks, on all of them.
 
     Parameters
     ----------

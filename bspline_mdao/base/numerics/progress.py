@@ -44,7 +44,7 @@ _active: list[_Bar] = []
 
 
 def show_progress(wanted: bool = True) -> None:
-    """Turn the bars of long work on or off, for this process and those that it starts.
+    """Turn progress bars on or off, for this process and its children.
 
     Parameters
     ----------

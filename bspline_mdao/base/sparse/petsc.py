@@ -185,7 +185,7 @@ class PetscMultigridFactor(_Factor):
 
 @dataclass(frozen=True)
 class PetscCholesky(OneLine):
-    """Cholesky factor by MUMPS, spread over the processes of a communicator; needs the package petsc4py.
+    """Cholesky factor by MUMPS, distributed over the processes of a communicator; needs the package petsc4py.
 
     On one process `Cholesky` takes no more time and less memory; this one is for factors that are too large for one.
     It tells nothing of its accuracy, so that movers refine what it solves.

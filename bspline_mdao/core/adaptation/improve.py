@@ -32,7 +32,7 @@ def improve_grid(
     iterations: int = ITERATIONS,
     progress: Callable[[float, str], None] | None = None,
 ) -> Improvement:
-    """Raise the worst cells of every block of a grid at fixed surface.
+    """Improve the worst cells of every block of a grid with a fixed surface.
 
     The worst Q of no block falls, nor does the smallest corner of the grid, and no cell is inverted that was valid.
     Nodes of walls, of the far field and of undeclared faces stay to the last bit, those of symmetry planes slide in

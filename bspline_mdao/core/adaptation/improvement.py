@@ -54,7 +54,7 @@ class BlockChange(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Improvement(OneLine):
-    """A grid whose worst cells are better, or the reason why there is none.
+    """A grid with improved worst cells, or the reason why there is none.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ def fit_mesh(
     settings: LatticeSettings = DEFAULTS,
     units: str | None = None,
 ) -> MeshModel:
-    r"""Lay a lattice around the mesh of a file.
+    r"""Put a lattice around the mesh of a file.
 
     Parameters
     ----------

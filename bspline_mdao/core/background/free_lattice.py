@@ -17,7 +17,7 @@ __all__ = ["free_lattice"]
 
 
 def free_lattice(model: MeshModel, **options: Any) -> Lattice:
-    """Take the lattice around a mesh without structure as a lattice of free form.
+    """Use the lattice around an unstructured mesh as a free-form lattice.
 
     Its spans are those that the mesh moves by: even around the walls, and growing from there to the ends of the mesh.
     Points that no node of the walls depends on have no values in `FreeForm`, so that those near the walls are left. A

@@ -11,7 +11,7 @@ __all__ = ["DEFAULTS", "LatticeSettings"]
 
 @dataclass(frozen=True)
 class LatticeSettings(OneLine):
-    """What a lattice is like.
+    """Settings of a lattice.
 
     A mesh of the RAE 2822 whose two sides get bumps within one span of each other inverts 799 cells with a stiffness of
     1e6, and none with 1e2 or 1e4; with 1e2 a wing bent by 60 degrees inverts 35, and none with 1e4 or 1e6. Of 6, 8, 10

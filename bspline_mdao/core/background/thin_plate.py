@@ -65,7 +65,7 @@ System = tuple[np.ndarray, np.ndarray, ScalarBlocksFactor]
 
 @dataclass(frozen=True, eq=False)
 class ThinPlate(OneLine):
-    """Moves the control points of a background lattice behind the nodes of walls.
+    """Moves the control points of a background lattice with the wall nodes.
 
     Parameters
     ----------

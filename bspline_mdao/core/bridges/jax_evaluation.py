@@ -26,7 +26,7 @@ __all__ = ["device_grid"]
 
 
 def device_grid(model: FittedModel) -> Callable:
-    """Make the grid a function of JAX alone, so that nothing leaves the device that the control points are on.
+    """Make the grid a function of JAX alone, evaluated on the device of the control points.
 
     It is ``A b + r`` in the precision of the control points, single or double. It works under all transformations of
     JAX, has second derivatives (zero), and equals `grid` to round-off, some 1e-15 or 1e-7 of the size of the grid. On a

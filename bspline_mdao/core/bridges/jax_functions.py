@@ -43,7 +43,7 @@ def grid(
     numbers: Sequence[int] | np.ndarray | None = None,
     memory: int = 1,
 ) -> Callable:
-    """Make the grid a function of JAX: of control points, of asked nodes of a surface, or of design variables.
+    """Make the grid a JAX function of control points, of prescribed surface nodes, or of design variables.
 
     It is the chain of `GridMovement` without a fit, in one call: what each gives is equal to the last bit. It works
     under ``jit``, ``jvp``, ``vjp``, ``grad`` and ``vmap``, and has no second derivatives.
@@ -102,7 +102,7 @@ def quality(
     rho_height: float = 1000.0,
     memory: int = 1,
 ) -> Callable:
-    """Make the bounds of the quality of all cells a function of JAX.
+    """Make the bounds of the quality of all cells a JAX function.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def measures(
     *,
     memory: int = 1,
 ) -> Callable:
-    """Make measures of a surface a function of JAX.
+    """Make measures of a surface a JAX function.
 
     Parameters
     ----------

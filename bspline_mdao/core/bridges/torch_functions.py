@@ -35,7 +35,7 @@ def grid(
     numbers: Sequence[int] | np.ndarray | None = None,
     memory: int = 1,
 ) -> Callable:
-    """Make the grid a function of PyTorch: of control points, of asked nodes of a surface, or of design variables.
+    """Make the grid a PyTorch function of control points, of prescribed surface nodes, or of design variables.
 
     It is the chain of `GridMovement` without a fit, in one call: what each gives is equal to the last bit. It works
     with ``backward``, in forward mode, and under ``torch.func``'s ``grad``, ``jvp``, ``vjp`` and ``vmap``, and has no
@@ -96,7 +96,7 @@ def quality(
     rho_height: float = 1000.0,
     memory: int = 1,
 ) -> Callable:
-    """Make the bounds of the quality of all cells a function of PyTorch.
+    """Make the bounds of the quality of all cells a PyTorch function.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def measures(
     *,
     memory: int = 1,
 ) -> Callable:
-    """Make measures of a surface a function of PyTorch.
+    """Make measures of a surface a PyTorch function.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ class StretchAlong:
 
 @dataclass(frozen=True, eq=False)
 class RadiusFactor(OneLine):
-    """Factors on the distance from an axis at stations along it: contours of hubs, casings, nozzles and bodies.
+    """Factors on the distance from an axis at stations along it, for hubs, casings, nozzles and bodies.
 
     Values are interpolated between stations by where points are when the turn of the variable comes, and constant
     beyond the ends: a surface of revolution becomes another one, wherever nodes are on it. What is periodic by a

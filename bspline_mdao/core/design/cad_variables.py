@@ -77,7 +77,7 @@ class CadVariable(OneLine, ABC):
 
 @dataclass(frozen=True, eq=False)
 class CadPoints(CadVariable):
-    """Move control points of the faces of a CAD file, and walls along.
+    """Move control points of the faces of a CAD file, and the walls with them.
 
     Every control point has one value per direction, point by point. A value is a displacement, and initially zero.
     Control points of neighbouring faces that coincide are one, so that their common edges stay closed; those that reach
@@ -171,7 +171,7 @@ class CadPoints(CadVariable):
 
 @dataclass(frozen=True, eq=False)
 class CadShapes(CadVariable):
-    """Move walls towards the shapes of other CAD files, of the same faces: one value for each file.
+    """Move walls towards the shapes of other CAD files with the same faces, one value per file.
 
     A value is the part of the way: 0 at the baseline, 1 where a node is at its (u, v) on the faces of that file. Moves
     of several files add up.

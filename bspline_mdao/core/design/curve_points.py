@@ -29,7 +29,7 @@ _AT_EDGE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class CurvePoints(OneLine):
-    """Move the control points of a section, each as one point of its curve in all planes along the span.
+    """Move the control points of a section curve, alike in all planes along the span.
 
     The surface ends on two planes of symmetry and is the same all along between them, by one layer of cells or several.
     Every point has one value per direction, point by point in the order of ``mesh.surface_ids``: by the control points

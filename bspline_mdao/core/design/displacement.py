@@ -115,7 +115,7 @@ class Local(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Translation(OneLine):
-    """Move the surface as it is: a wing along a fuselage, a store below a wing, with `OfPart`.
+    """Translate the surface, or with `OfPart` a part of it, such as a wing along a fuselage or a store below a wing.
 
     Axes and lattices move along. A value is a displacement, and initially zero.
 

@@ -40,7 +40,7 @@ ALIKE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class FreeForm(OneLine):
-    """Move points of a lattice, and what is embedded in it along.
+    """Move points of a lattice, and the control points embedded in it.
 
     Every point has one value per direction, point by point in C order. A value is a displacement, and initially zero.
     Left out are points that are fixed for continuity, see `Lattice`, and those so far from the surface that none of its

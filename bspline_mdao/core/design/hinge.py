@@ -38,7 +38,7 @@ ON_LINE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Hinge(OneLine):
-    """An axis through two points, about which control surfaces, tails, blades and whole bodies turn.
+    """An axis through two points, about which control surfaces, tails, blades and whole bodies rotate.
 
     Its points are rows among those that design variables move: what moves the surface about them moves them along,
     and `HingePoints` moves them alone.

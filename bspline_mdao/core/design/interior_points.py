@@ -83,7 +83,7 @@ class InteriorShift(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class InteriorPoints(OneLine):
-    """Move control points inside the grid at fixed surface.
+    """Move control points inside the grid with a fixed surface.
 
     Points of walls, of the far field and of what nobody declared are held, and so are edges where patches meet; those
     of symmetry planes slide in them; those of interfaces move with all their blocks. Every point has a value for each

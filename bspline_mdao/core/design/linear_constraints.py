@@ -136,7 +136,7 @@ class InPlane(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Linked(OneLine):
-    """Points that move as others do, such as the lower points of a trailing edge as its upper ones.
+    """Points that move like others, such as the lower points of a trailing edge like its upper ones.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ class SurfaceMotion(OneLine):
 def pitching(
     mesh: MovingMesh, amplitude: float, frequency: float, at: float = 0.25, mean: float = 0.0
 ) -> SurfaceMotion:
-    """Turn the surface to and fro about an axis along its span.
+    """Oscillate the surface in pitch about an axis along its span.
 
     Parameters
     ----------

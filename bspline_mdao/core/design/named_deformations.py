@@ -80,7 +80,7 @@ class HasWallSpacing(Protocol):
 
 
 def parse_deformation(spec: str | Sequence[str], model: HasWallSpacing, mesh: MovingMesh) -> Deformation:
-    """Return the deformation that words describe.
+    """Make the deformation that a text such as ``twist=5deg`` describes.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ __all__ = ["OfPart"]
 
 @dataclass(frozen=True, eq=False)
 class OfPart(OneLine):
-    """A design variable of a part of the design surface; all else stays, but for the points that the part shares.
+    """A design variable of a part of the design surface; the rest stays, except for shared points.
 
     Sections, chords and the box of the variable are those of the part, as if that were the whole surface: give it an
     axis or a lattice of the part. Both move along with the part and with the variables of the whole surface.

@@ -111,7 +111,7 @@ class _InSections(AtStations):
 
 
 class Twist(_InSections):
-    """Turn sections in their planes about the axis; values in degrees, upstream end up positive.
+    """Rotate sections in their planes about the axis; values are in degrees, nose up positive.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ class ThicknessFactor(_InSections):
 
 @dataclass(frozen=True, eq=False)
 class Taper(AlongAxis):
-    """Scale sections about the axis by a factor that is 1 at its first point and the value at its last, linear between.
+    """Scale sections about the axis by a factor, linear from 1 at its first point to the value at its last.
 
     The factor is on the ratio of tip and root chord; thickness over chord stays.
 
@@ -341,7 +341,7 @@ class _Shifting(AtStations):
 
 
 class Span(_Shifting):
-    """Stretch the axis along the span; sections move along unchanged. Values are factors on lengths of span.
+    """Stretch the axis along the span and move sections with it; values are factors on spanwise lengths.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ __all__ = ["HingePoints", "Rotation", "RotationMap"]
 
 @dataclass(frozen=True, eq=False)
 class Rotation(OneLine):
-    """Turn a part of the surface about a hinge, by an angle without limit; the value is in degrees, 0 on the baseline.
+    """Rotate a part of the surface about a hinge by any angle; the value is in degrees, 0 on the baseline.
 
     What turns is decided on the baseline: all of the surface by default, the points of ``where`` as a whole, what is
     behind the hinge line with a ``blend``, or both of these. Axes, lattices and other hinges turn as the surface at
@@ -161,7 +161,7 @@ class RotationMap(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class HingePoints(OneLine):
-    """Move the two points of a hinge by themselves; what turns about it, in a `Rotation` after this, follows.
+    """Move the two points of a hinge; a later `Rotation` about it follows.
 
     Values are displacements, and initially zero: those of the first point along every direction, then those of the
     second. What turns stays what it is on the baseline.

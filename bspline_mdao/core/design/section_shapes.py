@@ -255,7 +255,7 @@ class _Counted(OfSections):
 
 @dataclass(frozen=True, eq=False)
 class CamberModes(_Counted):
-    """Add modes of camber to sections: both sides move alike; values are heights in chords, upwards positive.
+    """Add camber modes to sections, with both sides moving alike; values are heights in chords, upwards positive.
 
     The modes are the Bernstein polynomials of degree n + 1 but for the first and the last, divided by their largest
     values: that of one mode is the parabola of `Camber`. Both edges stay where they are, unless their modes, the first
@@ -301,7 +301,7 @@ class CamberModes(_Counted):
 
 @dataclass(frozen=True, eq=False)
 class ThicknessModes(_Counted):
-    r"""Add modes of thickness to sections: sides move apart; values are thicknesses in chords.
+    r"""Add thickness modes to sections, whose sides move apart; values are thicknesses in chords.
 
     The modes are :math:`\sqrt x \, B_k^n(x)` for k from 0 to n - 1, half of it up and half of it down, divided by their
     largest values. Both edges stay where they are, and the nose stays round; the first mode changes its radius.
@@ -346,7 +346,7 @@ class ThicknessModes(_Counted):
 
 @dataclass(frozen=True, eq=False)
 class ThicknessPoints(_Counted):
-    r"""Add a spline of thickness to sections by its control points: sides move apart; values are thicknesses in chords.
+    r"""Add a spline of thickness to sections, whose sides move apart; values are its control points in chords.
 
     The spline is cubic and odd in :math:`\sqrt x`, so that the nose stays round. Its knots are closer together at the
     edges: of n values ``(1 - cos(pi k / n)) / 2``. Control points at the edges stay; the first value changes the radius

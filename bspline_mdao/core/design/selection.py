@@ -182,7 +182,7 @@ def designed_patches(model: Any, mesh: MovingMesh) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class InBox(Selection):
-    """Points in a box along the coordinate axes, its sides included.
+    """Points in a box along the coordinate axes, including its sides.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ class InBlock(Selection):
 
 @dataclass(frozen=True, eq=False)
 class Nearest(Selection):
-    """Points nearest to given places. Points that coincide with one of these, such as across a thin plate, come along.
+    """Points nearest to given places, with all points that coincide with them, such as across a thin plate.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ formula, far below the width of any cell."""
 
 @dataclass(frozen=True, eq=False)
 class UserVariable(OneLine):
-    """Move the surface control points by the user's own function.
+    """Move the surface control points by a function of yours.
 
     Parameters
     ----------

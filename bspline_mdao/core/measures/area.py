@@ -113,7 +113,7 @@ class SurfaceArea(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class ProjectedArea(OneLine):
-    """Area of a body as seen from one direction; make it by `of`.
+    """Projected area of a body in one direction. Made by `of`.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ _THIN = 0.01
 
 @dataclass(frozen=True, eq=False)
 class SectionThickness(OneLine):
-    """Largest or smallest thickness of sections relative to their chord, t/c, bounded smoothly; make it by `at`.
+    """Smooth bound of the largest or smallest t/c, thickness over chord, of sections. Made by `at`.
 
     Parameters
     ----------

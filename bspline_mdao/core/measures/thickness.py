@@ -31,7 +31,7 @@ is none."""
 
 @dataclass(frozen=True, eq=False)
 class Thickness(OneLine):
-    """Distances between opposite probes, in metres or in those of the baseline.
+    """Distances between opposite probes, in metres or relative to the baseline.
 
     Make it by `at`, `grid` or `of_sections`.
 

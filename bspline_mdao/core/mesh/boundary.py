@@ -73,7 +73,7 @@ def moving_mesh(
     released: str | Sequence[str] = (),
     sliding: Sliding = (),
 ) -> MovingMesh:
-    """Make the control mesh of a model ready to move.
+    """Prepare the control mesh of a model to move.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def moving_grid(
     released: str | Sequence[str] = (),
     sliding: Sliding = (),
 ) -> tuple[MovingMesh, np.ndarray]:
-    """Make a grid ready to move node by node, as the paper's comparator does.
+    """Prepare a grid to move node by node, as in the paper's comparison.
 
     Parameters
     ----------

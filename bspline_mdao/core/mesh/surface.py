@@ -33,7 +33,7 @@ ON_PLANE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class SurfaceGrid(OneLine):
-    """Nodes of some patches of a grid, or of a mesh without structure.
+    """Nodes of some patches of a grid, or of an unstructured mesh.
 
     Parameters
     ----------

@@ -335,7 +335,7 @@ class FittedModel(Plottable, Model):
 def family_member(
     model: FittedModel, factor: float, control_points: np.ndarray | None = None, slides: Sequence[Slide] = ()
 ) -> Grid:
-    """Grid of a fitted model with ``factor`` times the cells per direction, see `FittedModel.member`.
+    """Make the grid with ``factor`` times the cells per direction from a fitted model, see `FittedModel.member`.
 
     Parameters
     ----------

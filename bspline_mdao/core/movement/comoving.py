@@ -26,7 +26,7 @@ __all__ = ["ComovingFrame", "ComovingMovement"]
 
 @dataclass(frozen=True, eq=False)
 class ComovingFrame(OneLine):
-    """Moves a mesh in a frame that goes along with its surface: outer boundaries follow the rigid part of its motion.
+    """Moves a mesh in a frame that follows its surface: outer boundaries take part in the rigid part of its motion.
 
     All points that are fixed follow: the far field, and walls that are not part of the design surface. Those that slide
     in planes slide in them as before. Symmetry and sliding planes leave rotations about their normal and shifts along

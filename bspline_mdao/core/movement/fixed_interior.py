@@ -30,7 +30,7 @@ class _NoDisplacement:
 
 @dataclass(frozen=True)
 class FixedInterior(IncrementalMover):
-    """Hold all points where they are, except those of the surface.
+    """Keep all points where they are, except the points of the surface.
 
     Parameters
     ----------

@@ -172,7 +172,7 @@ def require_number(n_increments: int) -> None:
 
 
 def increments_for(mover: Mover, designs: Iterable[np.ndarray]) -> int:
-    """Find a number of increments that is enough for some designs, to be given to the mover before anything runs.
+    """Find a number of increments that is enough for given designs, to set in the mover before a run.
 
     It is the smallest of 1, 2, 5 and 10 with which the control mesh stays good in all of them: every element that is
     valid on the baseline keeps 3 % of its smallest corner triple product. Ten are not tried where five keep no more

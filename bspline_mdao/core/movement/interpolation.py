@@ -85,7 +85,7 @@ def interpolated_step(
     interpolation: Interpolation,  # displacements of all points
     report: SolveReport | None = None,  # how it was solved for
 ) -> InterpolatedStep:
-    """Take of an interpolation what every point may do.
+    """Project an interpolated displacement onto the admissible motion of every point.
 
     Parameters
     ----------

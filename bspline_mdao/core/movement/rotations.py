@@ -65,7 +65,7 @@ MIXED = (1.0, *lame_constants(-0.2))
 
 @dataclass(frozen=True, eq=False)
 class Rotations(OneLine):
-    """Moves a mesh behind the rotations of its surface, with the same two factors for all surfaces.
+    """Moves a mesh by extending the rotations of its surface, with the same two factors for all surfaces.
 
     There are no increments: a move of any angle takes ``2 + n_repetitions`` solutions, and depends on the initial
     points and the surface alone. A rigid motion of all that is not free is followed exactly. Angles may grow beyond

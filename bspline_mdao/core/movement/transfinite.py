@@ -25,7 +25,7 @@ __all__ = ["Transfinite", "arc_lengths", "free_corners", "transfinite_weights"]
 
 @dataclass(frozen=True)
 class Transfinite(IncrementalMover):
-    """Move corners, then edges, faces and insides of the blocks, each between what is prescribed of its boundary.
+    """Move corners, then edges, faces and interiors of blocks, each interpolated from its boundary.
 
     Block corners that are neither on the surface nor fixed follow a network of springs along the edges of the blocks.
     The displacement of all points is a linear function of that of the surface, with weights that the baseline decides.

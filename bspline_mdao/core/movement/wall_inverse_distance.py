@@ -22,7 +22,7 @@ __all__ = ["move_nodes"]
 
 
 def move_nodes(nodes: np.ndarray, surface: SurfaceGrid, target: np.ndarray, reach: float = 0.25) -> np.ndarray:
-    """Move all nodes of a grid with those of its walls.
+    """Move all nodes of a grid with its wall nodes.
 
     Parameters
     ----------

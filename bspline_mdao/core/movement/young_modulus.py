@@ -132,7 +132,7 @@ class OrthogonalityLaw(_CornerLaw):
 
 @dataclass(frozen=True)
 class InverseVolumeLaw(_CornerLaw):
-    """E = V^-power Q^-shape: small elements are stiff, and by choice also those that are ill-shaped as they are.
+    """E = V^-power Q^-shape: small elements, and optionally ill-shaped ones, are stiff.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from .component import LINEAR_STEP, SparseComponent, fails_together, finite_valu
 
 
 class CadWalls(SparseComponent):
-    """Ask the walls to be exactly where design variables put the faces that they are tied to.
+    """Put the walls exactly where design variables put the faces to which they are tied.
 
     Give its ``surface`` to a `GridMovement` of the same nodes, ``surface=tied.surface``: nodes of the wall are there to
     the last bit, and control points follow them. The component is linear.

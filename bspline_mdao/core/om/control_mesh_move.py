@@ -51,7 +51,7 @@ _LOGGER = logging.getLogger(__name__)
 
 
 class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
-    """Move the control mesh behind its surface, section III, with the exact derivative through all increments.
+    """Move the control mesh with its surface, section III, with the exact derivative through all increments.
 
     The mover is an object: one of `bspline_mdao.core.movement`, or the user's own, see
     `bspline_mdao.core.movement.mover.Mover`. Surface control points end where they are asked for, those on symmetry

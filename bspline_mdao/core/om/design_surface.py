@@ -36,7 +36,7 @@ __all__ = ["DesignSurface"]
 
 @dataclass(frozen=True, eq=False)
 class DesignSurface(OneLine):
-    """The design surface of a fitted grid: its control mesh, its nodes, its axis and its edges. Make it by `of`.
+    """The design surface of a fitted grid, with its control mesh, nodes, axis and edges. Made by `of`.
 
     Everything that is made of it is the object that one would make by hand, of the same model and patches:
 

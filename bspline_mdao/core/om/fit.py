@@ -41,7 +41,7 @@ neighbours that stand close together decide about knots, and knots about many co
 
 
 class Fit(CheckedOnProcesses, om.ExplicitComponent):
-    """Fit control points to a grid, section II.D: by least squares, or by what keeps the control mesh valid.
+    """Fit control points to a grid, section II.D, by least squares or so that the control mesh stays valid.
 
     With parameters and knots frozen at those of the model, the component is linear and says so (`is_linear`). Its
     Jacobian is full, since every node has a say in every control point of its block, and is therefore only applied.

@@ -37,7 +37,7 @@ from .surface_measure import SurfaceMeasure
 
 
 class GridMovement(Copied, om.Group):
-    """Fit, design, move, evaluate, judge: the ordinary chain in one subsystem, named as in `bspline_mdao.names`.
+    """Fit, design, move, evaluate and check: the usual chain in one group, with the names of `bspline_mdao.names`.
 
     ==================  ================================================================  ============================
     subsystem           component                                                         is there

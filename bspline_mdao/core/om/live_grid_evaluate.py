@@ -33,7 +33,7 @@ INPUTS = (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS)
 
 
 class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
-    """Regenerate the grid where parameters and knots follow the baseline grid x0: `bspline_mdao.core.fit.live_fit`.
+    """Regenerate the grid with parameters and knots that follow the baseline grid x0: `bspline_mdao.core.fit.live_fit`.
 
     The partner of ``Fit(live=True)``: behind a grid generator the totals of the regenerated grid are exact. Residual
     and wall layer are those of x0; which nodes are near a wall, and how much they follow it, stays as in the model. Of

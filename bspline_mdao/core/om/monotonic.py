@@ -13,7 +13,7 @@ from .component import LINEAR_STEP, SparseComponent, fails_together, finite_valu
 
 
 class Monotonic(SparseComponent):
-    """Subtract neighbouring values of a variable, such as the twist or the chord at stations along the span.
+    """Differences of neighbouring values of a variable, such as twist or chord at stations along the span.
 
     ``add_constraint(..., lower=0.0, linear=True)`` on the output keeps the variable rising, or falling with
     ``decreasing``. Connect or promote the input to the design variable.

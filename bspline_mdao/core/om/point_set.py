@@ -20,7 +20,7 @@ from .moved_points import MovedPoints
 
 
 class PointSet(MovedPoints):
-    """Move points that were not fitted with the shape: spars, ribs and tanks inside the body, probes in the flow.
+    """Move points that are not in the grid with the shape: spars, ribs and tanks inside the body, probes in the flow.
 
     Points inside the body ride on its walls alone. Where all do, the component needs nothing but these:
 

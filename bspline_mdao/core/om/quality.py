@@ -31,7 +31,7 @@ CELL_QUALITY = "cell_quality"
 
 
 class Quality(CheckedOnProcesses, om.ExplicitComponent):
-    """Measure the cells of a grid: smooth bounds for constraints, and on demand Q of every cell, Eq. (9).
+    """Measure the cells of a grid: smooth bounds for constraints, and optionally Q of every cell, Eq. (9).
 
     The bounds never exceed the smallest value, so that ``quality_ks >= 0.01`` keeps every cell above 0.01. Q cannot see
     a mirrored cell; ``corner_ks > 0`` or ``jacobian_ks > 0`` keeps every cell valid. At walls,

@@ -24,7 +24,7 @@ from .moved_points import MovedPoints
 
 
 class Ride(MovedPoints):
-    """Move the nodes of a mesh that was not fitted, of tetrahedra, wedges and others, with the control mesh.
+    """Move the nodes of an unstructured mesh with the control mesh of a fitted grid.
 
     ==================  ======  ====================  =====  =======================================================
     name                role    shape                 units  meaning

@@ -25,7 +25,7 @@ from .component import (
 
 
 class SurfaceControl(SparseComponent):
-    """Move the surface control points by design variables: free-form, planform, the user's own, and all of them.
+    """Move the surface control points by design variables: free-form, planform, or your own.
 
     The variables are those of a `Parametrization`; each is an input under its own name and moves nothing at its initial
     value. Linear constraints among the control points are eliminated, so that any values satisfy them.

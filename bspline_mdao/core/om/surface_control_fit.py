@@ -30,7 +30,7 @@ from .model_option import declare_model
 
 
 class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
-    """Let the surface control points follow surface nodes: smoothly, and rigid motions exactly.
+    """Let the surface control points follow surface nodes smoothly, and rigid motions exactly.
 
     They are a quasi-interpolant of the nodes, which does not swing about kinks as least squares do. What control points
     miss of the nodes is left to `GridEvaluate`, which puts these exactly where they are asked to be. Control points on

@@ -22,7 +22,7 @@ from .component import (
 
 
 class SurfaceMeasure(SparseComponent):
-    """Measure the surface: thickness, volume, area, radii, angles and whatever else is a `Measure`.
+    """Measure the surface: thickness, volume, area, radii, angles or any other `Measure`.
 
     ====================  ======  ==========  =====  ===============================================================
     name                  role    shape       units  meaning

@@ -223,7 +223,7 @@ class Cone(_AboutAxis):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Revolution(_AboutAxis):
-    """A surface of revolution, such as the casing of a compressor: a smooth curve turned about an axis.
+    """A surface of revolution, such as the casing of a compressor: a smooth curve rotated about an axis.
 
     Parameters
     ----------

@@ -116,7 +116,7 @@ class ConstantKnots(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class BilinearKnots(OneLine):
-    """Knots that blend those of the four parallel edges of a block, Eq. (5).
+    """Knots blended from the four parallel edges of a block, Eq. (5).
 
     Parameters
     ----------

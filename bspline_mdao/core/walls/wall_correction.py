@@ -43,7 +43,7 @@ INDEPENDENT = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class WallCorrection(OneLine):
-    """The linear map from the displacement of wall nodes to that of all nodes, and its transpose.
+    """The linear map from displacements of wall nodes to displacements of all nodes, and its transpose.
 
     # It reproduces the displacement of the wall, is zero on all other boundaries but within a segment of where a wall
     # ends on them, and keeps nodes in planes of symmetry if the displacement of the wall does. Made by

@@ -38,7 +38,7 @@ def adapt_grid(
     progress: Callable[[float, str], None] | None = None,
     **flow: Any,
 ) -> Adaptation:
-    """Move interior control points so that the adjoint's estimate of the error of lift or drag falls.
+    """Move interior control points to reduce the adjoint's estimate of the error of lift or drag.
 
     Nodes of walls, of the far field and of undeclared faces stay to the last bit, those of symmetry planes slide in
     them, and the number of nodes is what it was.

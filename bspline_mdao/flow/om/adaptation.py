@@ -22,7 +22,7 @@ __all__ = ["Adaptation"]
 
 @dataclass(frozen=True, eq=False)
 class Adaptation(OneLine):
-    """A grid that was adapted to a flow, with the errors before and after.
+    """A grid adapted to a flow, with the errors before and after.
 
     Parameters
     ----------

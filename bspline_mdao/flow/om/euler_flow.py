@@ -42,7 +42,7 @@ from .trimmed_state import TrimmedState
 
 @documents_outputs("euler")
 class EulerFlow(Copied, om.Group):
-    """Steady compressible flow without friction on all blocks of a grid, with its exact adjoint.
+    """Steady compressible inviscid flow on all blocks of a grid, with its exact adjoint.
 
     Walls are slipped along, planes of symmetry are kept, and the far field is the free stream: patches of these kinds
     must cover the boundary of the grid. A cell with a negative volume is refused with an ``om.AnalysisError``, a folded

@@ -14,7 +14,7 @@ __all__ = ["run_flow"]
 
 
 def run_flow(problem: om.Problem) -> dict:
-    """Run a problem with a flow, such as `EulerFlow` or `LatticeFlow`, and sum it up.
+    """Run a problem with a flow, such as `EulerFlow` or `LatticeFlow`, and summarise it.
 
     Parameters
     ----------

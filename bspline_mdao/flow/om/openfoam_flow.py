@@ -41,7 +41,7 @@ SPEEDS = {"Mach_number": (0.3, None), "speed": (30.0, "m/s")}
 
 
 class OpenFoamFlow(Copied, om.ExplicitComponent):
-    """Steady flow by a solver of OpenFOAM, run in a folder of its own; each design starts from the last solution.
+    """Steady flow by an OpenFOAM solver in its own folder; each design starts from the last solution.
 
     The solver has to be on the PATH: ``apt-get install openfoam`` on Debian. It runs on this machine. What it prints
     goes to ``log.<program>`` in the folder, where the fields of the last design are as well. A design that cannot be

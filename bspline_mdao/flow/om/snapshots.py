@@ -27,7 +27,7 @@ __all__ = ["Snapshot"]
 
 @dataclass(frozen=True, eq=False)
 class Snapshot(OneLine):
-    """A grid, and what else is known of it, kept while a problem goes on.
+    """A copy of a grid and its fields, kept while a problem continues.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class Forces(OneLine):
 
 @dataclass(frozen=True)
 class InviscidCase(OneLine):
-    """A compressible flow without friction by rhoSimpleFoam: slip at walls, the free stream far from the body.
+    """Compressible inviscid flow by rhoSimpleFoam: slip at walls, the free stream far from the body.
 
     Parameters
     ----------

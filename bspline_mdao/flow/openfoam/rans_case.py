@@ -56,7 +56,7 @@ LENGTH_SQUARED_PER_TIME = "[0 2 -1 0 0 0 0]"
 
 @dataclass(frozen=True, eq=False)
 class RansCase(OneLine):
-    """A turbulent flow by simpleFoam or rhoSimpleFoam: no slip at walls, the free stream far from the body.
+    """Turbulent flow by simpleFoam or rhoSimpleFoam: no slip at walls, the free stream far from the body.
 
     Parameters
     ----------

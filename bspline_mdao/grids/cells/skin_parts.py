@@ -20,7 +20,7 @@ AT_END = 1e-6
 
 
 def with_markers(mesh: MixedMesh) -> MixedMesh:
-    """Give a mesh markers where it has none, such as those of VTK's files.
+    """Add markers to a mesh without them, such as from a VTK file.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ class HasDialect(Protocol):
 def read_grid(
     path: str | os.PathLike, patches: str | os.PathLike | None = None, blocks: Iterable[int] | None = None
 ) -> Grid:
-    """Read a PLOT3D or CGNS grid, and a patches file where there is one.
+    """Read a PLOT3D or CGNS grid, and optionally a patches file.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def read_grid(
 
 
 def open_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None, comm: Any = ONE) -> StoredGrid:
-    """Open a PLOT3D or CGNS grid, so that blocks or windows of it can be read without holding the rest.
+    """Open a PLOT3D or CGNS grid, to read blocks or windows without the rest.
 
     Names, shapes and patches are known at once. Raw binary, Fortran records and HDF5 are read where the nodes are; text
     is passed over once to find them; what is compressed is decompressed whole, by every process that reads from it.
@@ -123,7 +123,7 @@ def open_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None,
 
 
 def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
-    """Write a grid, whole or not at all.
+    """Write a grid completely or not at all.
 
     The name chooses the format out of `bspline_mdao.grids.io.formats.FORMATS`: ``.cgns``, ``.vtm`` (ParaView), ``.dat``
     (Tecplot), both with the quality and the place of every cell, a folder

@@ -85,7 +85,7 @@ _KIND_OF_WORD = dict.fromkeys(_WALL_WORDS.split(), "wall") | {
 
 @dataclass(frozen=True)
 class MarkerGuess(OneLine):
-    """What a marker is taken for.
+    """The guessed kind of a marker.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class MarkerGuess(OneLine):
 
 
 def guess_kinds(mesh: MixedMesh, known: Mapping[str, MarkerGuess] | None = None) -> dict[str, MarkerGuess]:
-    """Guess what the markers of a mesh are.
+    """Guess the kinds of the markers of a mesh.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ revolution, and all others stay."""
 
 
 def read_kinds(path: str | os.PathLike, mesh: MixedMesh) -> dict[str, str]:
-    r"""Read what a patches file declares of the markers of a mesh.
+    r"""Read the kinds of markers that a patches file declares.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def read_kinds(path: str | os.PathLike, mesh: MixedMesh) -> dict[str, str]:
 
 
 def marker_kinds(mesh: MixedMesh, patches: str | os.PathLike | None = None) -> dict[str, MarkerGuess]:
-    """Tell what the markers of a mesh are: as a patches file declares them, and guessed where it says nothing.
+    """Find the kinds of the markers of a mesh, as declared in a patches file or guessed.
 
     Parameters
     ----------

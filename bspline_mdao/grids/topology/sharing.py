@@ -197,7 +197,7 @@ _NEARER = 0.1
 
 
 def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str, comm: Any = ONE) -> np.ndarray:
-    """Find every point among nodes that are there once each.
+    """Find every point among nodes that occur once each.
 
     The precision of the points does not matter as long as they can be distinguished.
 

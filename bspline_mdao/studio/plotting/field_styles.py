@@ -22,7 +22,7 @@ SURFACES = {
 
 @dataclass(frozen=True)
 class FieldStyle:
-    """How a field is shown.
+    """How a field is drawn: label, colours and surfaces.
 
     Parameters
     ----------

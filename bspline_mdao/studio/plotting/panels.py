@@ -25,7 +25,7 @@ TILT = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One of the pictures side by side.
+    """One of several pictures side by side.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Panel:
 
 
 def sheets_of(what: Any, surfaces: Sequence[str], look: FieldStyle | str | None = None) -> list[AnySheet]:
-    """Cut surfaces out of what is looked at, with the field that colours them.
+    """Cut surfaces, with a field to colour them, out of a grid, a model or a problem.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ def plot(
     lines: bool = True,
     worst: int = MOST_MARKED,
 ) -> Any:
-    """Look at a grid, a fitted grid, or a problem that has run.
+    """Plot a grid, a fitted grid, or a problem that has run.
 
     Parameters
     ----------

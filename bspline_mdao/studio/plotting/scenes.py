@@ -36,7 +36,7 @@ MARK = 0.0075
 
 
 class Faces(NamedTuple):
-    """Faces without structure.
+    """Unstructured faces.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Faces(NamedTuple):
 
 @dataclass(frozen=True)
 class Paint:
-    """Faces in the colours of a scalar.
+    """Faces coloured by a scalar.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Camera:
-    """Place from which a scene is seen, in parallel projection.
+    """Viewpoint of a scene, in parallel projection.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ class Sheet:
 
 @dataclass(frozen=True, eq=False)
 class FacetSheet:
-    """A piece of surface of triangles and quads without structure.
+    """A piece of surface of unstructured triangles and quads.
 
     Parameters
     ----------

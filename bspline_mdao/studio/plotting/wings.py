@@ -46,7 +46,7 @@ BELOW = 0.25
 
 
 def wing_sides(model: FittedModel | MeshModel, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cut the upper and the lower side of a wing out of the nodes of a grid, at its lines, or out of those of a mesh.
+    """Cut the upper and the lower side of a wing out of the nodes of a grid or a mesh.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def wing_sides(model: FittedModel | MeshModel, nodes: np.ndarray) -> tuple[np.nd
 
 
 def wing_section(model: FittedModel | MeshModel, nodes: np.ndarray, part: float = 0.5) -> np.ndarray:
-    """Give the points around a wing at a part of the span; of a grid, the nodes of the line that is nearest.
+    """Find the points around a wing at a fraction of the span; for a grid, the nodes of the nearest line.
 
     Parameters
     ----------

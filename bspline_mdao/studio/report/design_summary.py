@@ -236,7 +236,7 @@ class DesignSummary(OneLine):
 def design_summary(
     problem: om.Problem, outputs: Sequence[str] = (), finer: float | None = None, solved_on: float | None = None
 ) -> DesignSummary:
-    """Take down objective, design variables and constraints of a problem as it is, in their own units.
+    """Summarise objective, design variables and constraints of a problem, in their own units.
 
     Parameters
     ----------

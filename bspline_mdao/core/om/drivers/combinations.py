@@ -25,7 +25,7 @@ __all__ = ["combine", "even_combinations", "even_pressures"]
 
 
 def even_combinations(derivative: np.ndarray, least: float = 0.02) -> np.ndarray:
-    """Find combinations of values that all change a response by one, and by vectors that are orthogonal.
+    """Find combinations of values that change a response by one each, by orthogonal vectors.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ DAMPING = 0.2
 
 
 def unused_gradient(problem: om.Problem, net: CoarseNet, surface: str = SURFACE_CONTROL_POINTS) -> np.ndarray:
-    """Differentiate the Lagrangian in the values of all control points, of which a net has combinations.
+    """Differentiate the Lagrangian with respect to all control points that a net combines.
 
     Multipliers are the best ones for the variables of the problem. At an optimum of these the net can follow nothing of
     this gradient but what bounds hold; what it cannot follow is what further knots are for. One reverse product for
@@ -84,7 +84,7 @@ def unused_gradient(problem: om.Problem, net: CoarseNet, surface: str = SURFACE_
 
 @dataclass(frozen=True, eq=False)
 class DesignLevel(OneLine):
-    """A net, where its values start, their bounds, and the combinations that a driver varies. Made by `first`.
+    """A net with initial values, bounds, and the combinations that a driver varies. Made by `first`.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ def nlopt(tolerance: float, max_iterations: int, algorithm: str = "LD_SLSQP") ->
 
 @dataclass(eq=False)
 class RecordedRun(OneLine):
-    """An optimisation that is recorded. Made by `recorded`; its history is there when that has ended.
+    """A recorded optimisation. Made by `recorded`; its history is complete at the end of that.
 
     Parameters
     ----------
@@ -264,7 +264,7 @@ def run_at(design: om.Problem, problem: om.Problem) -> om.Problem:
 
 
 def disagreement(runs: Mapping[str, RecordedRun]) -> dict[str, float]:
-    """Tell by how much drivers differ that have solved the same problem.
+    """Find by how much drivers differ after solving the same problem.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ optimum with any of it (BFGS, CG, trust-constr), or do not call the driver as th
 
 
 class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
-    """SciPy's optimizers, with a bar of progress, where a failed analysis is a step too far and not the end.
+    """SciPy's optimizers with a progress bar, which take a shorter step after a failed analysis.
 
     It is OpenMDAO's ``ScipyOptimizeDriver`` with all its options. That one ends at the first ``om.AnalysisError``; this
     one gives the optimizer a value that makes it take a shorter step, puts the model back into the states of the last

@@ -33,7 +33,7 @@ class ShortRecords:
 
 
 def short_records(driver: Driver) -> Driver:
-    """Let a driver of OpenMDAO leave grids and states out of what ``"*"`` asks for, as our drivers do.
+    """Let a driver of OpenMDAO leave grids and states out of ``"*"``, as the drivers of this package do.
 
     It holds for recorders of the driver and of its problem. Variables that are named otherwise in
     ``recording_options["includes"]``, design variables and responses are taken, however long they are. For recorders of

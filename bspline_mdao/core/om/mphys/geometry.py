@@ -30,7 +30,7 @@ __all__ = ["GeometryBuilder", "SurfaceGeometry"]
 
 
 class SurfaceGeometry(Copied, om.Group):
-    """Move the surface of a solver by our design variables, as pyGeo's ``OM_DVGEOCOMP`` does with an FFD box.
+    """Move the surface of a solver by design variables, as pyGeo's ``OM_DVGEOCOMP`` does with an FFD box.
 
     ==============================  ======  ============  =====  ====================================================
     name                            role    shape         units  meaning

@@ -36,7 +36,7 @@ INSIDE = (
 
 
 class VolumeWarper(Copied, om.Group):
-    """Move the volume behind the surface, as IDWarp does for ADflow and DAFoam.
+    """Move the volume grid with the surface, as IDWarp does for ADflow and DAFoam.
 
     The surface control points follow the nodes, the mover moves the control mesh, and the grid is regenerated,
     with the nodes of its wall exactly where the solver has them.

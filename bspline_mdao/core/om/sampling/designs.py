@@ -142,7 +142,7 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Designs(OneLine):
-    """The designs of a file that were made, in their order: as a sequence, what PyTorch takes as a ``Dataset``.
+    """The valid designs of a file, in order: a sequence that PyTorch accepts as a ``Dataset``.
 
     ``designs[i]`` is a pair: the values of all variables of a design, shape (n_values,), and what is stored of it, the
     nodes of its grid, shape (n_nodes, 3), or its control points. The file is opened for each, so that several processes

@@ -65,7 +65,7 @@ class _InCube(DOEGenerator, ABC):
 
 
 class LatinHypercube(_InCube):
-    """Designs of which each has its own part of the range of every value.
+    """Latin hypercube: each design has its own interval of the range of every value.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class LatinHypercube(_InCube):
 
 
 class Sobol(_InCube):
-    """Designs of a scrambled Sobol sequence, of which every beginning fills the ranges evenly.
+    """Designs of a scrambled Sobol sequence, whose first designs already fill the ranges evenly.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ SCENARIOS = ("aerodynamic", "aerostructural")
 
 
 class FlowBuilder(Builder):
-    """The aerodynamic solver of scenarios: one of our flow groups behind our movement of the grid.
+    """The aerodynamic solver of scenarios: a flow group of this package with its movement of the grid.
 
     Parameters
     ----------
