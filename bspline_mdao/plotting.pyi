@@ -30,5 +30,4 @@ from .studio.plotting.wings import draw_sections as draw_sections
 from .studio.plotting.wings import draw_span_load as draw_span_load
 from .studio.plotting.wings import draw_twist as draw_twist
 from .studio.plotting.wings import span_load_edges as span_load_edges
-from .studio.plotting.wings import wing_section as wing_section
 from .studio.report.section_picture import plot_section as plot_section

@@ -173,3 +173,5 @@ def draw(folder, section, wing, slotted, states, numbers) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/flap_deflection.png'

@@ -22,7 +22,17 @@ from bspline_mdao.drivers import nlopt, recorded, scipy_slsqp
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.movers import LinearElasticity, moving_mesh
 from bspline_mdao.names import GRID
-from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_history, draw_optimality, faces_around, figure, wall_quads
+from bspline_mdao.plotting import (
+    BLUE,
+    GRAY,
+    ORANGE,
+    draw_history,
+    draw_optimality,
+    draw_sections,
+    faces_around,
+    figure,
+    wall_quads,
+)
 from bspline_mdao.scripts import pick_size, run
 from bspline_mdao.testing import check_totals
 
@@ -183,16 +193,16 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
 def draw(folder, design: PressureTarget, runs: dict) -> None:
     """Draw a section of the M6, of the target and of what was found with its pressures, and the histories."""
     start, target = (started(design.flight(), heights=part * design.heights) for part in (0.0, 1.0))
-    wings = {"M6": (start, GRAY, "-"), "target": (target, ORANGE, "-")}
-    wings["found"] = next(reversed(runs.values())).problem, BLUE, "."
+    wings = {"M6": (start, GRAY, 1.4), "target": (target, ORANGE, 3.0)}
+    wings["found"] = next(reversed(runs.values())).problem, BLUE, 1.2
     around = faces_around(design.walls, 0.5 * design.walls[..., 2].max())
     with figure(folder, "pressure_target", (9.5, 6.5)) as canvas:
         (section, pressure), (mismatch, optimality) = canvas.subplots(2, 2)
-        for name, (problem, color, style) in wings.items():
-            middles = problem.get_val(GRID).reshape(-1, 3)[wall_quads(design.model)[around]].mean(axis=1)
-            section.plot(*middles.T[:2], style, color=color, label=name)
-            pressure.plot(middles[:, 0], problem.get_val("Cp")[around], style, color=color, label=name)
-        section.set(xlabel="$x$ (m)", ylabel="$y$ (m)")
+        for name, (problem, color, width) in wings.items():
+            nodes, style = problem.get_val(GRID).reshape(-1, 3), {"color": color, "label": name, "linewidth": width}
+            middles = nodes[wall_quads(design.model)[around]].mean(axis=1)
+            draw_sections(section, design.model, nodes, (0.5,), **style)
+            pressure.plot(middles[:, 0], problem.get_val("Cp")[around], ".-", **style)
         pressure.set(xlabel="$x$ (m)", ylabel="$C_p$", ylim=pressure.get_ylim()[::-1])
         section.legend()
         draw_history(mismatch, runs, "mismatch", "mean square difference relative to the start")

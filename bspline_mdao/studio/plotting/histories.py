@@ -28,7 +28,7 @@ def driver_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     dict of dict
         Keywords of ``plot`` by name.
     """
-    looks = (ORANGE, 3.0), (BLUE, 1.2), (GREEN, 1.2), (PURPLE, 1.2)
+    looks = (ORANGE, 2.4), (BLUE, 1.2), (GREEN, 1.2), (PURPLE, 1.2)
     return {name: dict(zip(("color", "linewidth"), looks[n % len(looks)])) for n, name in enumerate(names)}
 
 

@@ -25,11 +25,10 @@ from bspline_mdao.plotting import (
     figure,
     span_load_edges,
     wall_quads,
-    wing_section,
 )
 from bspline_mdao.studio.plotting.pressures import _chord_ends
 from bspline_mdao.studio.plotting.wing_lines import strips_of
-from bspline_mdao.studio.plotting.wings import wing_sides
+from bspline_mdao.studio.plotting.wings import wing_section, wing_sides
 
 om = pytest.importorskip("openmdao.api")
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
