@@ -152,8 +152,10 @@ class WallLayer:
         """Move the points that follow a wall with it."""
         frames = self.wall.frames.at(wall_initial, wall_moved, normals)
         self._follow(initial, _packed(frames.moved, frames.matrices, frames.initial), mapped)
-        corners = self.corners.moved(initial, frames.initial, frames.moved, frames.matrices)
-        corners.add(mapped)
+        corners = None
+        if len(self.corners.rows):
+            corners = self.corners.moved(initial, frames.initial, frames.moved, frames.matrices)
+            corners.add(mapped)
         self._copy(mapped)
         return Layered(self, initial, frames, corners, mapped)
 
@@ -182,7 +184,7 @@ class Layered:
     layer: WallLayer  # the points that follow
     initial: np.ndarray  # (n, 3), points before the move (m)
     frames: Frames  # the move of the wall, with its nodes before and after
-    corners: CornersMoved  # what nodes in corners go beside the mean of their closest points
+    corners: CornersMoved | None  # what nodes in corners go beside the mean of their closest points; None without such
     nodes: np.ndarray  # (n, 3), points after it (m)
 
     def jvp(
@@ -201,7 +203,8 @@ class Layered:
             change = np.zeros_like(d_mapped)
             self.layer._follow(d_initial, _packed(0.0 * d_wall_initial, frames.matrices, d_wall_initial), change)
             d_mapped += change
-        self.corners.add_jvp(d_initial, d_wall_initial, d_wall_moved, d_matrices, d_mapped)
+        if self.corners is not None:
+            self.corners.add_jvp(d_initial, d_wall_initial, d_wall_moved, d_matrices, d_mapped)
         self.layer._copy(d_mapped)
         return d_mapped
 
@@ -221,9 +224,10 @@ class Layered:
         if "initial" in wrt or "wall_initial" in wrt:
             bars["initial"], bars["wall_initial"] = self._before_vjp(bar)
             names.append("initial")
-        at_corners, before = bar[self.corners.of.rows], (bars.get("initial"), bars.get("wall_initial"))
+        at_corners, before = bar[self.layer.corners.rows], (bars.get("initial"), bars.get("wall_initial"))
         places_bar, matrices_bar = self._frames_vjp(bar)
-        self.corners.add_vjp(at_corners, places_bar, matrices_bar, *before)
+        if self.corners is not None:
+            self.corners.add_vjp(at_corners, places_bar, matrices_bar, *before)
         by_frames = self.frames.vjp(matrices_bar, names)
         bars |= {"wall_moved": places_bar + by_frames["moved"], "normals": by_frames["normals"]}
         if "initial" in by_frames:
