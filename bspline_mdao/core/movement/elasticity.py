@@ -30,7 +30,8 @@ from ...base.numerics.vectors import scaled
 from ...base.sparse.cholesky import Cholesky
 from ...errors import InputError
 from ..mesh.moving_mesh import MovingMesh
-from .equilibrium import ALL, EquilibriumMover
+from .equilibrium import ALL
+from .equilibrium_mover import EquilibriumMover
 from .increments import PAPER_INCREMENTS
 from .trilinear import (
     FAST,
@@ -116,7 +117,7 @@ class LinearElasticity(EquilibriumMover):
 
 @dataclass(frozen=True, eq=False)
 class ElasticElements:
-    """Elastic elements at given points, see `bspline_mdao.core.movement.equilibrium.Elements`."""
+    """Elastic elements at given points, see `bspline_mdao.core.movement.equilibrium_mover.Elements`."""
 
     mesh: MovingMesh
     law: StiffnessLaw

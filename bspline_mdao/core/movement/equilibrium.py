@@ -19,37 +19,22 @@ are differences of neighbours, and not from a matrix.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 
-from ...base.display import OneLine
 from ...base.numerics.processes import ONE, together
 from ...base.sparse.blocks import BlockMatrix, BlockPattern, slots
 from ...base.sparse.distributed import DistributedPattern
-from ...base.sparse.solved_together import Task, solved
-from ...errors import MovementError
+from ...base.sparse.solved_together import Task
 from ...grids.topology.periodic_ties import Ties
 from ..mesh.moving_mesh import MovingMesh
-from .increments import IncrementalMovement, IncrementalMover, in_increments
-from .mover import SolveReport, digits_of
 from .row_sharing import RowSharing
-from .two_part_sums import corrected, in_two, less
 
-__all__ = [
-    "Balance",
-    "Balanced",
-    "Elements",
-    "Equilibrium",
-    "EquilibriumMover",
-    "EquilibriumStep",
-    "Start",
-    "Unknowns",
-]
+__all__ = ["Balance", "Balanced", "Equilibrium", "Unknowns", "in_two"]
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -86,16 +71,6 @@ class Balanced(Protocol):
         """Force on all points of a displacement, both sums of as many parts, shape (n_parts, n_points, 3)."""
 
 
-class Elements(Balanced, Protocol):
-    """Elements at given points, with the derivatives of their force."""
-
-    def force_jvp(self, displacement: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray) -> np.ndarray:
-        """Change of the force of a given displacement with the initial points and the points; sums as `force`."""
-
-    def force_vjp(self, displacement: np.ndarray, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Transpose of both: for the initial points, the points and the displacement, shape (n_points, 3) each."""
-
-
 class Numbered(Protocol):
     """Numbering of the unknowns of the points, and their matrix: `Unknowns`, or others that a field has."""
 
@@ -111,123 +86,6 @@ class Numbered(Protocol):
 
     def scatter(self, unknowns: np.ndarray) -> np.ndarray:
         """Transpose of `gather`."""
-
-
-class EquilibriumMover(IncrementalMover):
-    """What the movers of elements share: an increment is an equilibrium."""
-
-    # A leaf has the fields ``mesh``, ``n_increments``, ``solver`` and ``keep_factors``, and says what its elements are.
-    # It keeps the order of elimination, which the mesh decides; factors belong to the movements, see `Start`.
-
-    solver: Any
-    keep_factors: bool | None
-
-    def move(self, initial: np.ndarray, surface: np.ndarray, start: Start | None = None) -> IncrementalMovement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres."""
-        # See `IncrementalMover.move`; with the ``start`` of an earlier movement, or from `start`, moves from the same
-        # initial points share their factor. A start from other points is not used.
-        initial = np.array(initial, dtype=float)
-        if start is None or not np.array_equal(start.points, initial):
-            start = Start(initial)
-        step = partial(self._balanced_step, start)
-        movement = in_increments(self.mesh, step, initial, surface, self.n_increments)
-        return replace(movement, start=start)
-
-    def start(self, initial: np.ndarray) -> Start:
-        """Factorise the stiffness at points (n_points, 3), in metres, for several moves that start from them."""
-        initial = np.array(initial, dtype=float)
-        return Start(initial, self._equilibrium.factorized(self._elements(initial, initial)))
-
-    def predicted_bytes(self) -> int | None:
-        """Memory of the factors of a move, and of the work on them (bytes); None where the solver does not tell."""
-        # That of the first increment and that of the present one, or those of all increments where factors are kept. It
-        # takes the analysis of the pattern, which the moves need anyway.
-        analysis = self._equilibrium.analysis
-        if not hasattr(analysis, "factor_bytes"):
-            return None
-        n_factors = self.n_increments if self.keep_factors else min(self.n_increments, 2)
-        return n_factors * analysis.factor_bytes + analysis.work_bytes
-
-    @cached_property
-    def _equilibrium(self) -> Equilibrium:
-        return Equilibrium.of(self.mesh, self.solver)
-
-    def _elements(self, initial: np.ndarray, before: np.ndarray) -> Elements:
-        """Elements at the points before an increment, stiffened by those before the move."""
-        raise NotImplementedError
-
-    def _balanced_step(
-        self, start: Start, initial: np.ndarray, before: np.ndarray, surface: np.ndarray
-    ) -> EquilibriumStep:
-        """Make one increment, see `bspline_mdao.core.movement.increments.in_increments`."""
-        began, is_first = time.perf_counter(), np.array_equal(before, initial)
-        equilibrium, elements = self._equilibrium, self._elements(initial, before)
-        if is_first:
-            factor = start.factor = start.factor or equilibrium.factorized(elements)
-        else:
-            factor = equilibrium.factorized(elements)
-        prescribed, surface_ids = np.zeros_like(before), self.mesh.surface_ids
-        prescribed[surface_ids] = surface - before[surface_ids]
-        nothing = np.zeros((1, 1, 1))
-        balance = solved(equilibrium.balance_task(elements, factor, prescribed, nothing, REFINE_ABOVE))
-        if not np.isfinite(balance.parts).all():
-            raise MovementError("movement: the displacements are not finite; take a smaller step or more increments")
-        points = before + balance.parts[0]
-        points[surface_ids] = surface
-        seconds = time.perf_counter() - began
-        report = SolveReport(self.solver.name, balance.n_steps, balance.residual, seconds, digits_of(balance.error))
-        kept = factor if is_first or self.keep_factors else None
-        return EquilibriumStep(equilibrium, elements, balance.parts, points, report, kept)
-
-
-@dataclass(frozen=True, eq=False)
-class EquilibriumStep:
-    """An increment that was made, see `bspline_mdao.core.movement.mover.Step`."""
-
-    equilibrium: Equilibrium
-    elements: Elements
-    displacement: np.ndarray
-    points: np.ndarray
-    report: SolveReport
-    factor: Any  # of the stiffness; None where it is not kept
-
-    def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
-        """Change of the points after the increment, shape (n_points, 3)."""
-        surface_ids = self.equilibrium.mesh.surface_ids
-        d_prescribed = np.zeros_like(d_before)
-        d_prescribed[surface_ids] = d_surface - d_before[surface_ids]
-        d_force = self.elements.force_jvp(in_two(self.displacement), d_initial, d_before)
-        d_points = d_before + self._balance(d_prescribed, -d_force)[0]
-        d_points[surface_ids] = d_surface
-        return d_points
-
-    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Transpose of `jvp`: for the initial points, the points before, and the surface points."""
-        surface_ids = self.equilibrium.mesh.surface_ids
-        initial_bar, before_bar, prescribed_bar = self.elements.force_vjp(
-            self.displacement, self._balance(np.zeros_like(bar), -bar[None])
-        )
-        surface_bar = bar[surface_ids] + prescribed_bar[surface_ids]
-        before_bar += bar
-        before_bar[surface_ids] -= surface_bar
-        return initial_bar, before_bar, surface_bar
-
-    def _balance(self, prescribed: np.ndarray, load: np.ndarray) -> np.ndarray:
-        """Parts of the displacement that is prescribed on the surface and balances a load on the free points."""
-        factor = self.factor or self.equilibrium.factorized(self.elements)
-        task = self.equilibrium.balance_task(self.elements, factor, prescribed, load, REFINE_PRODUCTS_ABOVE)
-        return solved(task).parts
-
-
-@dataclass(eq=False)
-class Start(OneLine):
-    """Points that moves start from, and the factor of their stiffness once it is there."""
-
-    # The matrix of the first increment depends on the initial points alone, so that moves of different surfaces share
-    # it. A start belongs to the movement that made it, and to whom that is handed on; the mover has none.
-
-    points: np.ndarray  # (n_points, 3), initial points (m)
-    factor: Any = None  # of the stiffness there, made by the first increment that needs it
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +123,7 @@ class Equilibrium:
         # 4. stop where corrections do not shrink any more: what is left is rounding;
         # 5. add c to both parts of u, and stop where the next correction promises to be below `TOLERANCE`.
         gather, scatter = self.unknowns.gather, self.unknowns.scatter
-        solution = yield factor, gather(less(load, elements.force(prescribed[None])))  # step 1
+        solution = yield factor, gather(_less(load, elements.force(prescribed[None])))  # step 1
         parts, error = (prescribed + scatter(solution.x))[None], EPSILON * factor.cancellation
         size, last, n_steps = np.abs(solution.x).max(initial=0.0), 1.0, solution.iterations
         if size == 0.0 or not np.isfinite(size):
@@ -274,7 +132,7 @@ class Equilibrium:
             return Balance(parts, n_steps, solution.residual, error)
         parts = in_two(parts)
         for _ in range(MAX_CORRECTIONS):
-            residual = less(load, elements.force(parts))  # step 2
+            residual = _less(load, elements.force(parts))  # step 2
             correction_of = yield factor, gather(residual)  # step 3
             correction = scatter(correction_of.x)
             change = np.abs(correction).max() / size
@@ -282,7 +140,7 @@ class Equilibrium:
                 error = change
                 break
             # step 5; corrections shrink by change / last, so that the next one is about error
-            parts, n_steps = corrected(parts, correction), n_steps + max(correction_of.iterations, 1)
+            parts, n_steps = _corrected(parts, correction), n_steps + max(correction_of.iterations, 1)
             error, last = change * change / last, change
             if error <= TOLERANCE:
                 break
@@ -488,3 +346,27 @@ class Unknowns:
         is_diagonal = rows == columns
         blocks[is_diagonal] += ~is_free[rows[is_diagonal]][:, :, None] * np.eye(3)
         data[entries] = blocks
+
+
+def in_two(parts: np.ndarray) -> np.ndarray:
+    """The same sum of parts, as one of two."""
+    return parts if len(parts) == 2 else np.stack([parts[0], np.zeros_like(parts[0])])
+
+
+def _corrected(parts: np.ndarray, correction: np.ndarray) -> np.ndarray:
+    """Add a correction to a sum of two parts: two again, the second below the last digit of the first."""
+    first, lost = _sum(parts[0], correction)
+    return np.stack(_sum(first, lost + parts[1]))
+
+
+def _less(load: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Difference of two sums of parts, exact until it is rounded once, shape (n_points, 3)."""
+    first, lost = _sum(load[0], -force[0])
+    return first + (lost + (load[1:].sum(axis=0) - force[1:].sum(axis=0)))
+
+
+def _sum(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sum, and exactly what its rounding leaves [Knuth, The Art of Computer Programming 2, 4.2.2]."""
+    total = a + b
+    of_b = total - a
+    return total, (a - (total - of_b)) + (b - of_b)

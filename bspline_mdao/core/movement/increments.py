@@ -3,7 +3,7 @@
 The surface goes from b_srf^(0) to b_srf^(m) along straight lines, in m equal increments; each moves the mesh from
 b^(i-1) to b^(i), with a stiffness that depends on b^(i-1) and b^(0). So does its derivative: forward products go
 through the increments in their order, transposed ones in the reverse order. What one increment does is the mover's;
-for elastic elements it is `bspline_mdao.core.movement.equilibrium`.
+for elastic elements it is `bspline_mdao.core.movement.equilibrium_mover`.
 
 Another number of increments is another function of the surface: it is a setting of the mover, and no move chooses it.
 `increments_for` finds one that is enough, before anything runs.

@@ -22,7 +22,7 @@ from ...base.numerics.processes import node_of, on_first, together
 from ...base.sparse.petsc import PetscCholesky, PetscMultigrid, has_petsc
 from ...errors import InputError
 from ..mesh.moving_mesh import MovingMesh
-from .equilibrium import EquilibriumMover
+from .equilibrium_mover import EquilibriumMover
 from .mover import Movement, MovementReport, Mover
 
 __all__ = ["ALL_PROCESSES", "AUTO", "FIRST_PROCESS", "WAYS", "Placement", "SharedMovement", "shared_mover"]

@@ -25,7 +25,8 @@ from numba import njit
 from ...base.numerics.vectors import add_to, dot, row, scaled
 from ...base.sparse.cholesky import Cholesky
 from ..mesh.moving_mesh import MovingMesh
-from .equilibrium import ALL, EquilibriumMover
+from .equilibrium import ALL
+from .equilibrium_mover import EquilibriumMover
 from .increments import PAPER_INCREMENTS
 from .spring_gradients import COUNTS, N_LINEAL, N_SPRINGS, POINTS, gradient, gradient_change
 from .trilinear import add_element, add_exactly
@@ -74,7 +75,7 @@ class TorsionalSprings(EquilibriumMover):
 
 @dataclass(frozen=True, eq=False)
 class SpringElements:
-    """Springs of all elements at given points, see `bspline_mdao.core.movement.equilibrium.Elements`."""
+    """Springs of all elements at given points, see `bspline_mdao.core.movement.equilibrium_mover.Elements`."""
 
     mesh: MovingMesh
     torsion: float  # factor of dQ of the torsional springs

@@ -30,7 +30,7 @@ from ...base.numerics.vectors import add, dot, scaled
 from ...base.sparse.solved_together import Task
 from ...errors import MovementError
 from ..mesh.moving_mesh import MovingMesh
-from .equilibrium import ALL, REFINE_ABOVE, REFINE_PRODUCTS_ABOVE, Balance, Equilibrium
+from .equilibrium import ALL, REFINE_ABOVE, REFINE_PRODUCTS_ABOVE, Balance, Equilibrium, in_two
 from .trilinear import (
     FAST,
     SLOPES,
@@ -50,7 +50,6 @@ from .trilinear import (
     sum_of,
     work_of,
 )
-from .two_part_sums import in_two
 from .young_modulus import InverseVolumeLaw
 
 __all__ = [

@@ -12,7 +12,7 @@ from parallel_checks import assert_same_everywhere, raised_everywhere
 from bspline_mdao import ControlMeshMove
 from bspline_mdao.base.numerics.processes import world
 from bspline_mdao.core.movement import shared
-from bspline_mdao.core.movement.equilibrium import EquilibriumMover
+from bspline_mdao.core.movement.equilibrium_mover import EquilibriumMover
 from bspline_mdao.movers import LinearElasticity, PetscMultigrid
 from bspline_mdao.names import CONTROL_CORNER_KS, CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 
