@@ -4,6 +4,9 @@ What is timed is a value with a gradient: all nodes at control points, and the d
 nodes with weights. Own calls are ``state = node_map.at(points)`` and ``state.vjp(weights)``; those of JAX are compiled.
 With ``--linear`` the map has no wall layer, and ``jax.device_grid`` is timed as well. CPU seconds of one thread, in
 turn, the fastest of ``--repeats``; points differ from one to the next.
+
+With ``--batch`` so many designs by a twist are evaluated and differentiated both ways, as ``vmap`` asks for them: of each
+of these a batch at once, beside its members one by one.
 """
 
 from __future__ import annotations
@@ -18,7 +21,9 @@ import numpy as np
 
 import bspline_mdao.jax
 import bspline_mdao.torch
-from bspline_mdao import FittedModel, fit_grid
+from bspline_mdao import DesignSurface, FittedModel, fit_grid
+from bspline_mdao.core.bridges.functions import grid_function
+from bspline_mdao.design import Twist
 from bspline_mdao.generators import onera_m6_grid
 
 SHAPE, N_CONTROL = (45, 65, 33), (13, 13, 9)
@@ -74,6 +79,43 @@ def main(shape=SHAPE, n_control=N_CONTROL, repeats: int = 3, linear: bool = Fals
     }
 
 
+def batches(shape=SHAPE, n_control=N_CONTROL, n: int = 16) -> dict:
+    """Time batches of designs.
+
+    Parameters
+    ----------
+    shape, n_control : tuple of three int
+        As of `main`.
+    n : int
+        Number of designs.
+
+    Returns
+    -------
+    dict
+        CPU seconds for each design of values, forward and transposed products: of a batch, and one by one.
+    """
+    wing, random = DesignSurface.of(fit_grid(onera_m6_grid(shape), n_control=n_control)), np.random.default_rng(0)
+    function = grid_function(wing.model, wing.parametrization([Twist("twist", wing.axis, stations=3)]))
+    points = [random.uniform(-5.0, 5.0, size=(n, 3))]
+    steps = [random.normal(size=(n, 3))]
+    bars = [np.broadcast_to(random.normal(size=(1, wing.model.n_nodes, 3)), (n, wing.model.n_nodes, 3))]
+    works = {
+        "values": lambda batch, at: function.values(batch, at(points)),
+        "jvp": lambda batch, at: function.products(batch, at(points), at(steps), False),
+        "vjp": lambda batch, at: function.products(batch, at(points), at(bars), True),
+    }
+    found: dict[str, dict[str, float]] = {}
+    for name, work in works.items():
+        work((), lambda arrays: [array[0] for array in arrays])  # compiles
+        began = time.process_time()
+        work((n,), list)
+        between = time.process_time()
+        for member in range(n):
+            work((), lambda arrays, member=member: [array[member] for array in arrays])
+        found[name] = {"batch": (between - began) / n, "one by one": (time.process_time() - between) / n}
+    return found
+
+
 def own(model: FittedModel, weights: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """Own calls."""
 
@@ -116,5 +158,8 @@ if __name__ == "__main__":
     parser.add_argument("--n-control", type=int, nargs=3, default=N_CONTROL)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--linear", action="store_true")
+    parser.add_argument("--batch", type=int, metavar="N", help="time batches of N designs")
     given = parser.parse_args()
-    print(json.dumps(main(tuple(given.shape), tuple(given.n_control), given.repeats, given.linear), indent=1))
+    sizes = tuple(given.shape), tuple(given.n_control)
+    found = batches(*sizes, given.batch) if given.batch else main(*sizes, given.repeats, given.linear)
+    print(json.dumps(found, indent=1))
