@@ -1,5 +1,7 @@
 """Public names: each is imported when it is first asked for, from the module that is written here."""
 
+from .studio.live.notebook import LiveView as LiveView
+from .studio.live.notebook import live as live
 from .studio.plotting.boundary_layers import draw_first_heights as draw_first_heights
 from .studio.plotting.boundary_layers import draw_wall_cells as draw_wall_cells
 from .studio.plotting.figures import BLUE as BLUE

@@ -11,12 +11,10 @@ from ...core.background.mesh_file import is_mesh_model
 from ...core.mesh.boundary import moving_mesh
 from ...core.model.fitted_model import FittedModel
 from ...errors import InputError
+from ..live.opened import studied_model
 from ..live.page import LOOPBACK, Page, require_trame
 from ..live.session import Session
 from ..live.shape import LiveModel
-from ..live.study_variables import StudyVariables
-from ..study.reader import read_study
-from ..study.shape_script import StudiedShape
 from .movers import MoverOptions
 from .output import print_lines, print_title, print_warnings
 
@@ -75,8 +73,4 @@ def _of_study(file: Path, options: LiveOptions) -> LiveModel:
     of_models = ("deform", "design", "fix", "release", "slide", "mover")
     if given := [name for name in of_models if getattr(options, name) != getattr(LiveOptions(), name)]:
         raise InputError(f"{file}: a study says by itself what moves and how; leave out --{given[0]}")
-    shape = StudiedShape.of(read_study(file))
-    if not isinstance(shape.model, FittedModel):
-        raise InputError(f"{file}: is of an unstructured mesh, which live does not show; see optimize")
-    design = shape.study.grid["design"]
-    return LiveModel(shape.model, shape.wing.mesh, shape.mover, design or None, study=StudyVariables.of(shape))
+    return studied_model(file)

@@ -419,7 +419,7 @@ class Page:
     def serve(self, host: str = LOOPBACK, port: int = 0, has_browser: bool = True, **settings: Any) -> Any:
         """Serve the page until it is interrupted; settings are those of trame's server."""
         secret = token_urlsafe(24)
-        arguments, sys.argv = sys.argv, [sys.argv[0], "--authKey", secret]  # trame reads them
+        arguments, sys.argv = sys.argv, [sys.argv[0], f"--authKey={secret}"]  # trame reads them
         try:
             _answer_session(self.server, secret, host == LOOPBACK)
             return self.server.start(

@@ -6,12 +6,10 @@ import pytest
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.studio.cli.live import LiveOptions, open_live
+from bspline_mdao.studio.live.opened import studied_model
 from bspline_mdao.studio.live.outputs import write_shape
 from bspline_mdao.studio.live.session import Session
-from bspline_mdao.studio.live.shape import LiveModel
-from bspline_mdao.studio.live.study_variables import MOST_SLIDERS, StudyVariables
-from bspline_mdao.studio.study.reader import read_study
-from bspline_mdao.studio.study.shape_script import StudiedShape
+from bspline_mdao.studio.live.study_variables import MOST_SLIDERS
 
 STUDY = """# of the tests
 [grid]
@@ -46,14 +44,9 @@ def study_file(wing_file):
     return path
 
 
-def live_of(path):
-    shape = StudiedShape.of(read_study(path))
-    return LiveModel(shape.model, shape.wing.mesh, shape.mover, study=StudyVariables.of(shape))
-
-
 @pytest.fixture
 def studied(study_file):
-    return live_of(study_file)
+    return studied_model(study_file)
 
 
 def test_sliders_are_the_values_that_the_driver_has(studied):
@@ -91,7 +84,7 @@ def test_the_study_is_written_with_the_values_of_the_moment(studied, study_file,
     assert "start = [0.0, 1.0, 0.5, -3.25]  # deg" in text
     assert text.count("start") == 1
     assert text.startswith("# of the tests")
-    again = live_of(written)
+    again = studied_model(written)
     assert again.first.values == (1.0, -3.25, 0.0)
     np.testing.assert_array_equal(again.at(again.first).nodes, session.shape.nodes)
     assert (study_file.read_text()) == STUDY.format(file="wing.h5")
@@ -107,7 +100,7 @@ def test_pulled_control_points_are_no_values_of_a_study(studied, tmp_path):
 def test_even_pressures_have_no_start(study_file, tmp_path):
     text = study_file.read_text().replace('kind = "lattice"', 'kind = "euler"')
     study_file.write_text(f'{text}\n[driver]\neven_pressures = "camber"\n')
-    live = live_of(study_file)
+    live = studied_model(study_file)
     with pytest.raises(InputError, match=r"'even_pressures' of \[driver\] names 'camber', so that it has no start"):
         live.study.text((1.0, 2.0, 0.02), tmp_path)
     assert "0.25" in live.study.text((0.25, 2.0, 0.0), tmp_path)
@@ -118,7 +111,7 @@ def test_many_values_get_no_sliders_and_stay_where_the_study_starts(study_file):
         "[variables.camber]", "[variables.bumps]\nkind = 'lattice'\nn = [12, 4, 4]\ndirection = 'y'\nwhere = ':, :, 1:'"
     )
     study_file.write_text(text.replace("lower = 0.01", "lower = -0.03\nstart = 0.001"))
-    live = live_of(study_file)
+    live = studied_model(study_file)
     assert len(live.sliders) == MOST_SLIDERS < live.study.n_values
     values = live.study.by_name(live.neutral.values)["bumps"]
     assert set(values[-5:]) == {0.001}
@@ -141,4 +134,4 @@ def test_a_study_that_moves_nothing_is_refused(study_file):
         + text[text.index("[flow]") :]
     )
     with pytest.raises(InputError, match=r"study\.toml: no variable moves the grid"):
-        live_of(study_file)
+        studied_model(study_file)
