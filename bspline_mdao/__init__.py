@@ -8,9 +8,11 @@ the package stays cheap and editors know all of them.
 import lazy_loader
 
 from .base.kernel_cache import ensure_kernel_cache
+from .base.shipped_kernels import enable_with_numba
 
 __version__ = "0.2.0"
 
 ensure_kernel_cache()
+enable_with_numba()
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

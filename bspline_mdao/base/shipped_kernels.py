@@ -3,21 +3,28 @@
 A wheel may hold kernels for levels of processors, ``_kernels/LEVEL`` in the package, which `tools/ship_kernels.py`
 compiles. Numba asks its cache for a specialisation by the name and the features of the processor; where that has none,
 it is looked for among those of the highest level whose features this processor has, all of them. What is not there, is
-of another version of numba or of Python or of another source is compiled as ever. Numba calls `enable` by the entry
-point ``numba_extensions`` before it compiles or loads anything.
+of another version of numba or of Python or of another source is compiled as ever.
+
+The package asks for it when it is imported, which does not import numba: `enable_with_numba` waits for that. Programs
+that use numba without this package meet nothing of it, as they would by an entry point of numba's.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import os
+import sys
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any
 
 from .kernel_cache import PACKAGE
 
-__all__ = ["FOLDER", "LEVELS", "enable", "level_of"]
+__all__ = ["FOLDER", "LEVELS", "enable", "enable_with_numba", "level_of"]
 
 FOLDER = os.path.join(PACKAGE, "_kernels")
+
+_CACHING = "numba.core.caching"  # the module that is changed
 
 _V3 = (
     "avx",
@@ -53,6 +60,37 @@ def level_of(
             # the evaluation takes twice as many lanes where there are wide registers, whatever else there is
             return level if ("avx512f" in names) == bool(features.get("avx512f")) else None
     return None
+
+
+def enable_with_numba(folder: str = FOLDER) -> None:
+    """Do as `enable` does as soon as numba is imported, at once if it is."""
+    if _CACHING in sys.modules:
+        enable(folder)
+    elif os.path.isdir(folder):
+        sys.meta_path.insert(0, _WaitForNumba(folder))
+
+
+class _WaitForNumba:
+    """A finder of modules that finds none itself, and goes once numba's caching is found."""
+
+    def __init__(self, folder: str):
+        self.folder = folder
+
+    def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        """Let the others find numba's caching, and enable what is shipped as soon as they have loaded it."""
+        if name != _CACHING:
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(name)
+        if spec is not None and spec.loader is not None:
+            load = spec.loader.exec_module
+
+            def exec_module(module: Any) -> None:
+                load(module)
+                enable(self.folder)
+
+            spec.loader.exec_module = exec_module  # type: ignore[method-assign]
+        return spec
 
 
 def enable(folder: str = FOLDER) -> bool:
