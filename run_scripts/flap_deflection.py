@@ -77,7 +77,7 @@ def main(paper: bool = False, quick: bool = False, figures=None) -> dict:
 
 
 def turn(model, rotation: Rotation, angles: np.ndarray, comoving: bool) -> list[np.ndarray]:
-    """Nodes of a grid or mesh (m) at every angle; comoving, its outer boundary goes along."""
+    """Nodes of a grid or mesh (m) at every angle; comoving, its outer boundary follows."""
     movement = bm.DesignSurface.of(model).grid_movement([rotation], fit=False, comoving=comoving, require_valid=False)
     problem = om.Problem(reports=None)
     problem.model.add_subsystem("movement", movement, promotes=["*"])

@@ -1,4 +1,4 @@
-"""An unstructured mesh about the ONERA M6 wing rides along with the control mesh of a coarser structured grid.
+"""An unstructured mesh about the ONERA M6 wing moves with the control mesh of a coarser structured grid.
 
 The mesh has twice the cells of the grid in each direction, other nodes, and layers at the wall a tenth as high; all its
 cells are wedges, also in the thin layers ahead of the wing and behind it, where there is no wall to follow. It is

@@ -1,4 +1,4 @@
-"""An SU2 mesh of two dimensions about NACA 0012 rides along with the control mesh of a coarse section.
+"""An SU2 mesh of two dimensions about NACA 0012 moves with the control mesh of a coarse section.
 
 The mesh has layers of quads at the airfoil, first cells of 2e-6 chords, and triangles with shifted nodes outside of
 them; the model is fitted to an O-grid of square cells, one deep between two planes of symmetry. The airfoil is pitched,

@@ -72,7 +72,7 @@ WAYS = {
     "going along": lambda mesh: ComovingFrame(Rotations(mesh)),
     "10 increments": lambda mesh: LinearElasticity(mesh, n_increments=10),
 }
-"""Ways to move a control mesh: by the rotations of its surface; the same with a far field that goes along with the
+"""Ways to move a control mesh: by the rotations of its surface; the same with a far field that follows the
 rigid part of the motion, which is what a warper of walls alone does; and linear elasticity."""
 
 NAN = float("nan")

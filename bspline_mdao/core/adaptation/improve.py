@@ -41,7 +41,7 @@ def improve_grid(
     Parameters
     ----------
     model : FittedModel
-        The fitted grid. What the splines miss of it is carried along as it is.
+        The fitted grid. Its residual is kept as it is.
     reach : float
         How far control points may go, by the distance to their nearest neighbours; below 0.5.
     height_tolerance : float

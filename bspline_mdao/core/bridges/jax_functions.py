@@ -75,7 +75,7 @@ def grid(
     ------
     InputError
         If JAX is not installed, or what is given does not go together; the function raises it for arrays of other
-        shapes. A design that cannot be moved raises an error of JAX that has our message.
+        shapes. A design that cannot be moved raises an error of JAX with its message.
 
     Examples
     --------

@@ -76,7 +76,7 @@ class Junction(OneLine):
         Names of variables of the body's own shape, done after the wing has slid. Where they move points by the place
         where these are by then, as `RadiusFactor` does, the junction stays on the body that they make.
     rigid : float
-        Distance from the junction (m), less than ``reach``, up to which what is beside it goes along wholly, such as a
+        Distance from the junction (m), less than ``reach``, within which everything moves rigidly, such as a
         fillet: displacements fade from there on.
 
     Examples
@@ -212,7 +212,7 @@ class SlidingJunction(OneLine):
         return _picking(np.repeat(kept, 3))
 
     def _closest(self, points: np.ndarray) -> tuple[SlidNodes, SlidNodes]:
-        """Where the junction slides to, and where the body near it does, which goes along."""
+        """Where the junction slides to, and where the body near it does, which follows."""
         root = self.root.at(points[self.junction])
         gone = self.into_body @ (root.points - self.layout.points[self.junction]).reshape(-1)
         return root, self.collar.at(self.layout.points[self.near] + gone.reshape(-1, 3))
@@ -220,7 +220,7 @@ class SlidingJunction(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class ShapedBody(OneLine):
-    """A variable of the shape of a body, which the wing's root goes along with."""
+    """A variable of the shape of a body, which the wing's root follows."""
 
     of_body: DesignMap  # of all rows
     body: np.ndarray  # int, rows of the body

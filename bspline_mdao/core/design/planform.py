@@ -162,7 +162,7 @@ class Chord(_InSections):
     on : Lattice, optional
         Lattice that is moved instead of the whole surface; what it embeds follows.
     scales_thickness : bool
-        Whether the thickness goes along, so that thickness over chord stays.
+        Whether the thickness scales too, so that thickness over chord stays.
 
     Examples
     --------

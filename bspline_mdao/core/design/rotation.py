@@ -1,7 +1,7 @@
 """Rotation of a part of the surface about a hinge as a design variable, and the places of the hinge's two points.
 
 A row x turns about the hinge's points a and b, as they are, by w v: v is the value, and w the part of it that the row
-turns by, decided on the baseline once and for all. So a hinge goes along with what variables before do to the surface,
+turns by, decided on the baseline once and for all. So a hinge follows what earlier variables do to the surface,
 and `HingePoints` moves it by itself. Theory: ``docs/theory/parametrization.rst``.
 """
 
@@ -33,14 +33,14 @@ class Rotation(OneLine):
 
     What turns is decided on the baseline: all of the surface by default, the points of ``where`` as a whole, what is
     behind the hinge line with a ``blend``, or both of these. Axes, lattices and other hinges turn as the surface at
-    their place does, so that a tab goes along with its flap.
+    their place does, so that a tab follows its flap.
 
     Parameters
     ----------
     name : str
         Name of the design variable, an input of `GridMovement` of shape (1,), in degrees; 0 on the baseline.
     hinge : Hinge
-        The axis. It goes along with what the variables before do to the surface; `HingePoints` before this variable
+        The axis. It follows what earlier variables do to the surface; `HingePoints` before this variable
         makes its place a variable.
     where : Selection or array_like of int, optional
         Points that turn as a whole, such as ``OnPatch(model, "flap*")`` behind a gap; numbers are rows of

@@ -1,7 +1,7 @@
 """Outer boundaries that go along with the rigid part of the surface's motion.
 
 A section that pitches by 45 degrees within a far field that stays shears the whole grid; nothing does where the far
-field pitches as well. So the move is made in a frame that goes along with the surface: the rigid motion nearest to
+field pitches as well. So the move is made in a frame that follows the surface: the rigid motion nearest to
 the surface's own (`bspline_mdao.core.walls.rigid_part`) is taken off, any mover does what is left, with all that is
 fixed where it was in that frame, and the motion is put back. Planes in which points slide stay. A rigid motion is exact
 by any angle, and whatever the mover.
@@ -82,7 +82,7 @@ class ComovingFrame(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class ComovingMovement(OneLine):
-    """A move in a frame that goes along."""
+    """A move in a frame that follows the surface."""
 
     surface_ids: np.ndarray  # (n_surface,) of int, points on the surface
     surface: np.ndarray  # (n_surface, 3), where they go (m)

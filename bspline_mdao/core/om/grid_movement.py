@@ -280,7 +280,7 @@ class GridMovement(Copied, om.Group):
             )
 
     def _mover(self) -> Mover:
-        """The user's mover, or rotations, in a frame that goes along if that is asked for."""
+        """The user's mover, or rotations, in a frame that follows the surface if requested."""
         mover, model = self._mover_of_options(), self.options["model"]
         if self.options["comoving"] and not model.carries_all:
             raise InputError(

@@ -1,4 +1,4 @@
-"""An unstructured mesh that rides along with the control mesh, as an OpenMDAO component.
+"""An unstructured mesh that moves with the control mesh, as an OpenMDAO component.
 
 Theory: ``docs/theory/ride.rst``.
 """

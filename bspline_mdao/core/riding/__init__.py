@@ -1,1 +1,1 @@
-"""Meshes of other programs that ride along: their nodes move with the control mesh of a fitted grid."""
+"""Meshes of other programs: their nodes move with the control mesh of a fitted grid."""

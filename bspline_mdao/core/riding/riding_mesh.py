@@ -1,4 +1,4 @@
-"""The map from the control points of a fitted grid to the nodes of a mesh that rides along.
+"""The map from the control points of a fitted grid to the nodes of an embedded mesh.
 
     y = x0 + A (b - b0)                     A: the volumes at the parameters of the nodes
     y <- y + F (w - y_wall)                 w: nodes of the mesh's own walls; F fades around them

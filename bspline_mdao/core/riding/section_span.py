@@ -61,7 +61,7 @@ def require_planes_of_section(model: FittedModel, mesh: MixedMesh) -> None:
     span = section_span(model)
     if span is None:
         raise InputError(
-            f"{mesh.source}: is of two dimensions, and rides along with a section alone: a grid between two parallel "
+            f"{mesh.source}: is two-dimensional, and moves with a section only: a grid between two parallel "
             f"planes of symmetry; give such a model"
         )
     ends = mesh.points[[0, mesh.n_stored], span.axis] if mesh.n_stored else (span.low, span.high)

@@ -46,7 +46,7 @@ def adapt_grid(
     Parameters
     ----------
     model : FittedModel
-        The fitted grid. What the splines miss of it is carried along as it is.
+        The fitted grid. Its residual is kept as it is.
     of : str or iterable of str
         Outputs of `EulerFlow` that are one number, such as ``CD``; not the moments of hinges.
     mach, alpha : float

@@ -25,7 +25,7 @@ MOST_SPURIOUS = 0.1
 
 ROUNDED = 5e-4
 """Part by which an induced drag may be below the least of its lift and wake. An optimal rectangular wing is by 5e-5,
-what the wake's sum leaves out; twist that waves to the errors of the grid was by 1e-3."""
+what the wake's sum leaves out; a twist that oscillates with the errors of the grid was by 1e-3."""
 
 
 def drag_sources(

@@ -18,7 +18,7 @@ CORNER = 0.05
 """What the worst cell keeps where the grid has as much."""
 
 CONFIRMED = 2
-"""Cells per direction of the finer grid that a section is flown on: two flows there are a third of the time."""
+"""Cells per direction of the finer grid on which a section is solved: two flows there are a third of the time."""
 
 SHAPE = 0.1
 """Bound of the weights of a section's shape (chords): half of what the sides of the NACA 0012 have."""

@@ -227,7 +227,7 @@ def test_what_cgns_of_two_dimensions_cannot_be_is_said(tmp_path):
 
 
 def test_what_a_file_of_two_dimensions_cannot_hold_is_refused(file):
-    with pytest.raises(InputError, match=r"section\.su2: is of two dimensions, and rides along with a section alone"):
+    with pytest.raises(InputError, match=r"section\.su2: is two-dimensional, and moves with a section only"):
         EmbeddedMesh.of(model(), read_mesh(file).mesh)
     with pytest.raises(InputError, match=r"section\.su2: .* not taken between the planes of the section"):
         EmbeddedMesh.of(section(), read_mesh(file, SectionSpan(2, 0.0, 2.0)).mesh)

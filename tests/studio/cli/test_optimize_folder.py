@@ -349,7 +349,7 @@ def test_what_cannot_go_on_says_why_in_one_line(finished, workplace, capsys):
     words = "out: has no recorded case to continue from; leave out --restart to begin"
     assert fails(capsys, "area.toml", "-o", "out", "--restart") == words
     assert not Path("out").exists()
-    assert fails(capsys, "area.toml", "-o", "out", "--restart", "--overwrite").startswith("--overwrite starts again and")
+    assert fails(capsys, "area.toml", "-o", "out", "--restart", "--overwrite").startswith("--overwrite starts again")
     shutil.copytree(finished, "out")
     before = contents("out")
     changes = {

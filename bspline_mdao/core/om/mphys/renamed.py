@@ -1,4 +1,4 @@
-"""Variables of our groups under the names and tags of MPhys."""
+"""Variables of groups under the names and tags of MPhys."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from .distribution import nodes_of_rank
 __all__ = ["WALL_FORCES", "SolverLoads"]
 
 WALL_FORCES = "wall_forces"
-"""Forces on all nodes of the surface, as our flows hand them out."""
+"""Forces on all nodes of the surface, as the flows of this package return them."""
 
 
 class SolverLoads(CheckedOnProcesses, om.ExplicitComponent):

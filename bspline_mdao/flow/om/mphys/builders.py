@@ -1,4 +1,4 @@
-"""Builders of MPhys, which make the subsystems of a scenario, and our flow groups under its names and tags."""
+"""Builders of MPhys, which make the subsystems of a scenario, and flow groups under its names and tags."""
 
 from __future__ import annotations
 
