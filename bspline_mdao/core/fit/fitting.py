@@ -87,15 +87,15 @@ def fit_grid(
     Parameters
     ----------
     grid : Grid or StoredGrid
-        The baseline grid. Where blocks meet, all of them get the nodes of the first: what is joined over a gap, or up
-        to round-off, has equal bits in every grid that is regenerated.
+        The baseline grid. Where blocks meet, all of them get the nodes of the first, so faces joined over a gap or up
+        to round-off have equal bits in every regenerated grid.
     topology : Topology, optional
         Its topology; found from coincident nodes by default.
     n_control : int, triple of int, sequence of (triple or None), or mapping, optional
-        Control points per direction, of all blocks or of each; or of some, by number from 1 or by name, where the key
-        None stands for all others. Blocks of which nothing is asked follow those that they are joined to, and the rest
-        are chosen from the grid, as all are by default. A block gets no more than it has nodes. It does not count, nor
-        does the order, where the user gives knots, which have both.
+        Control points per direction, for all blocks or for each; or for some, by number from 1 or by name, with the key
+        None for all others. Other blocks follow those that they are joined to, and the rest is chosen from the grid, as
+        all are by default. A block gets at most as many as it has nodes. Ignored, like ``order``, if knots are given,
+        which determine both.
     order : int, triple or sequence of triples, optional
         Order p = degree + 1; by default 4, or 3 in short directions where the numbers of control points are chosen, see
         `bspline_mdao.core.fit.control_counts.choose_counts`.
@@ -104,19 +104,20 @@ def fit_grid(
     corrections : int
         Cycles of parameter correction.
     keep_residual : bool
-        Keep what the spline misses of the grid, so that the baseline is reproduced.
+        Keep the difference between grid and splines, so that the baseline is reproduced.
     wall_layer : bool
-        Let nodes near walls follow them as a rigid body, and the residual turn with its surroundings, wherever the grid
-        is regenerated, see `bspline_mdao.core.walls.grid_map`. Without, grids are ``A b``, Eq. (3), plus the residual.
+        Let nodes near walls follow them as a rigid body, and let the residual rotate with its surroundings, when the
+        grid is regenerated, see `bspline_mdao.core.walls.grid_map`. Otherwise grids are ``A b``, Eq. (3), plus the
+        residual.
     parametrization : str or sequence of ndarray
         Parameters of the nodes along every grid line: ``"chord_length"``; ``"centripetal"``, by square roots of chord
         lengths; ``"uniform"``, proportional to the index; or the user's own, an array of shape
         (ni, nj, nk, 3) for every block (or segment), rising from 0 to 1 along every line and equal where blocks meet.
     method : str
-        One of `bspline_mdao.core.fit.options.METHODS`: ``"valid"`` is least squares where these give a valid control
-        mesh; where they fold, control points fall back on a quasi-interpolant, as far as is needed
-        (`bspline_mdao.core.fit.validity`). ``"least_squares"`` stays with least squares, as the paper.
-        ``"quasi_interpolant"`` solves nothing: it takes no more memory than the grid, and falls back likewise where the
+        One of `bspline_mdao.core.fit.options.METHODS`: ``"valid"`` is least squares if they give a valid control mesh;
+        where they fold, control points fall back on a quasi-interpolant as far as needed
+        (`bspline_mdao.core.fit.validity`). ``"least_squares"`` is least squares only, as in the paper.
+        ``"quasi_interpolant"`` solves no system: it takes no more memory than the grid, and also falls back where the
         iterated quasi-interpolant folds.
     progress : callable or bool, optional
         Called with the fraction done and a word on what is being done. By default a bar shows it where there is a
@@ -179,7 +180,7 @@ def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool 
     comm : communicator
         The processes, such as ``mpi4py.MPI.COMM_WORLD``.
     keep_residual : bool
-        Keep what the spline misses of the grid, so that the baseline is reproduced.
+        Keep the difference between grid and splines, so that the baseline is reproduced.
     **options
         As for `fit_grid`; no parameter correction and no parameters of the user's own where there are several
         processes. And ``settings``, the numbers that no option asks for:

@@ -53,13 +53,13 @@ _LOGGER = logging.getLogger(__name__)
 class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     """Move the control mesh with its surface, section III, with the exact derivative through all increments.
 
-    The mover is an object: one of `bspline_mdao.core.movement`, or the user's own, see
-    `bspline_mdao.core.movement.mover.Mover`. Surface control points end where they are asked for, those on symmetry
-    planes slide in them, fixed ones stay.
+    The mover is an object of `bspline_mdao.core.movement`, or your own, see `bspline_mdao.core.movement.mover.Mover`.
+    Surface control points go exactly to their given positions, points on symmetry planes slide in them, and fixed ones
+    stay.
 
-    A control mesh may tangle while all cells of the grid stay valid, next to viscous walls above all, so that it is
-    nothing to refuse a design for: the log warns of it, and ``control_corner_ks > 0`` as a constraint keeps it from
-    tangling. Cells of the grid are judged by `Quality`.
+    A control mesh may tangle while all cells of the grid stay valid, above all next to viscous walls. That is no error:
+    the log warns, and the constraint ``control_corner_ks > 0`` prevents tangling. `Quality` checks the cells of the
+    grid.
 
     ==========================  ======  ====================  =====  ===============================================
     name                        role    shape                 units  meaning
@@ -76,9 +76,9 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     Options
     -------
     mover : Mover
-        Its mesh says what is moved and what each point may do; `bspline_mdao.movers.moving_mesh` makes it from a fitted
-        model. Factors are kept for derivatives where the mover does not say otherwise (``keep_factors``), but not in a
-        problem that is set up with ``derivatives=False``.
+        Its mesh defines what moves and how each point may move; `bspline_mdao.movers.moving_mesh` makes it from a
+        fitted model. Factors are kept for derivatives unless the mover has ``keep_factors`` or the problem is set up
+        with ``derivatives=False``.
     rho : float
         Sharpness of ``control_corner_ks``: it is below the smallest corner triple product of n elements by at most
         ln(8 n) / rho.

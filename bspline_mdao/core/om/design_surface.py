@@ -38,7 +38,7 @@ __all__ = ["DesignSurface"]
 class DesignSurface(OneLine):
     """The design surface of a fitted grid, with its control mesh, nodes, axis and edges. Made by `of`.
 
-    Everything that is made of it is the object that one would make by hand, of the same model and patches:
+    Its attributes are the objects that one would make by hand from the same model and patches:
 
     ===================  ===============================================================================================
     attribute            is
@@ -59,7 +59,7 @@ class DesignSurface(OneLine):
     Parameters
     ----------
     model : FittedModel, LocalModel or MeshModel
-        The fitted grid, or a mesh without structure, or what one of several processes needs of it.
+        The fitted grid, or an unstructured mesh, or the part of one of several processes.
     mesh : MovingMesh
         Its control mesh.
     surface : SurfaceGrid
@@ -100,7 +100,7 @@ class DesignSurface(OneLine):
         Parameters
         ----------
         model : FittedModel, LocalModel or MeshModel
-            The fitted grid, or a mesh without structure, or what one of several processes needs of it.
+            The fitted grid, or an unstructured mesh, or the part of one of several processes.
         design : str or sequence of str, optional
             Patches by name or pattern (``"wing*"``); all walls by default.
         fixed, released, sliding

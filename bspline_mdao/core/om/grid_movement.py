@@ -55,16 +55,16 @@ class GridMovement(Copied, om.Group):
                                                                                           ``require_valid`` for that
     ==================  ================================================================  ============================
 
-    All inputs start at the values of the model, so that the first run gives the baseline grid. Without a
-    parametrization ``surface_control_points`` is an input. With a ``surface`` it is the nodes of this surface that are
-    given: the control points are fitted to them, and the wall of the grid is exactly where they are. With both, of
-    `DesignSurface.of_nodes`, design variables move these nodes.
+    All inputs start at the values of the model, so the first run gives the baseline grid. Without a parametrization
+    ``surface_control_points`` is an input. With a ``surface``, the nodes of this surface are the input: control points
+    are fitted to them, and the wall of the grid is exactly there. With both, as in `DesignSurface.of_nodes`, design
+    variables move these nodes.
 
     Options
     -------
     model : FittedModel, LocalModel or MeshModel
-        The fitted grid, or what one of several processes needs of it: that goes without a fit, and without nodes of a
-        surface that are given. Or a mesh without structure, which goes without a fit, too.
+        The fitted grid; or the part of one of several processes, which has no fit and takes no given surface nodes; or
+        an unstructured mesh, which has no fit either.
     parametrization : Parametrization, optional
         Design variables of the surface and the linear constraints among its control points.
     measures : sequence of Measure

@@ -22,7 +22,7 @@ from .moved_points import MovedPoints
 class PointSet(MovedPoints):
     """Move points that are not in the grid with the shape: spars, ribs and tanks inside the body, probes in the flow.
 
-    Points inside the body ride on its walls alone. Where all do, the component needs nothing but these:
+    Points inside the body depend on its walls only. If all points do, these are all variables:
 
     ===============  ======  ============  =====  ======================================================================
     name             role    shape         units  meaning
@@ -31,8 +31,8 @@ class PointSet(MovedPoints):
     ``points``       output  (3 n)         m      the points, under the name ``name``, xyz interleaved
     ===============  ======  ============  =====  ======================================================================
 
-    Where some are in the volumes, it takes in the place of ``surface``, of a mesh without structure ``control_points``
-    alone,
+    If some are in the volumes, the inputs instead of ``surface`` are these, or for an unstructured mesh
+    ``control_points`` alone:
 
     ==================  ======  ============  =====  ===================================================================
     name                role    shape         units  meaning
@@ -44,7 +44,7 @@ class PointSet(MovedPoints):
     Options
     -------
     model : FittedModel or MeshModel
-        The fitted grid, or a mesh without structure, whose lattice carries points in the flow.
+        The fitted grid, or an unstructured mesh, whose lattice moves points in the flow.
     points : ndarray, shape (n, 3)
         The points on the baseline (m).
     name : str

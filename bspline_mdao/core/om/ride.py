@@ -44,13 +44,13 @@ class Ride(MovedPoints):
     name : str
         Name of the output, "mesh" by default.
     asked : bool
-        Whether the nodes of its walls are given. Without, they follow the control points.
+        Whether the nodes of its walls are given; otherwise they follow the control points.
     walls : sequence of str, optional
-        Markers of the mesh that are walls; those that lie on walls of the grid by default.
+        Markers of the mesh that are walls; by default the markers on walls of the grid.
     tolerance : float, optional
         Distance (m) up to which nodes may be outside the grid, see `EmbeddedMesh`.
     hold_outside : bool
-        Hold nodes that are farther outside.
+        Fix nodes that are farther outside.
     slides : sequence of Slide
         Patches of the grid that slide on surfaces which are not planes, ``mesh.slides`` of the mesh that moves: nodes
         there stay on these, see :doc:`/theory/sliding`.

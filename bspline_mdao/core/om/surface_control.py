@@ -27,8 +27,8 @@ from .component import (
 class SurfaceControl(SparseComponent):
     """Move the surface control points by design variables: free-form, planform, or your own.
 
-    The variables are those of a `Parametrization`; each is an input under its own name and moves nothing at its initial
-    value. Linear constraints among the control points are eliminated, so that any values satisfy them.
+    The variables of a `Parametrization` are inputs by their names, and move nothing at their initial values. Linear
+    constraints among the control points are eliminated, so any values satisfy them.
 
     ==========================  ======  ====================  =====  ===============================================
     name                        role    shape                 units  meaning

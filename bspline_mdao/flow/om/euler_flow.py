@@ -44,10 +44,9 @@ from .trimmed_state import TrimmedState
 class EulerFlow(Copied, om.Group):
     """Steady compressible inviscid flow on all blocks of a grid, with its exact adjoint.
 
-    Walls are slipped along, planes of symmetry are kept, and the far field is the free stream: patches of these kinds
-    must cover the boundary of the grid. A cell with a negative volume is refused with an ``om.AnalysisError``, a folded
-    corner is not noticed: keep these out by constraints of `Quality`. Of a node that blocks share, the first row in the
-    grid counts for all.
+    The flow slips at walls and planes of symmetry, and the far field is the free stream. Patches of these kinds must
+    cover the boundary of the grid. A cell with a negative volume raises ``om.AnalysisError``. Folded corners are not
+    noticed: avoid them by constraints of `Quality`. If blocks share a node, only its first row in the grid counts.
 
     ================  ======  ============  =====  =====================================================================
     name              role    shape         units  meaning

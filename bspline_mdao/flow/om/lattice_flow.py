@@ -41,7 +41,7 @@ N_CHORD, N_SPAN = 5, 17
 class LatticeFlow(Copied, om.Group):
     """Lift, moments, induced drag and span load of a half wing by OpenAeroStruct's vortex lattice, in seconds.
 
-    Its variables are those of `EulerFlow`, so that a study can begin with this group and change one line.
+    It has the variables of `EulerFlow`, so a study can start with this group and change one line later.
 
     ==================  ======  =============  =====  ==================================================================
     name                role    shape          units  meaning

@@ -125,12 +125,11 @@ def open_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None,
 def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
     """Write a grid completely or not at all.
 
-    The name chooses the format out of `bspline_mdao.grids.io.formats.FORMATS`: ``.cgns``, ``.vtm`` (ParaView), ``.dat``
-    (Tecplot), both with the quality and the place of every cell, a folder
-    ``polyMesh`` (OpenFOAM), or a suffix of PLOT3D. Under one of these, under none, or under that which it was read
-    from, a grid read from PLOT3D is written in the dialect that it was read in; other grids become PLOT3D with 8-byte
-    reals and a block count: ASCII for ``.fmt``, ``.p3dfmt`` and ``.txt``, else raw little-endian binary, either
-    compressed where ``.gz``, ``.bz2`` or ``.xz`` follows.
+    The name sets the format (`bspline_mdao.grids.io.formats.FORMATS`): ``.cgns``; ``.vtm`` (ParaView) and ``.dat``
+    (Tecplot), both with the quality and the place of every cell; a folder ``polyMesh`` (OpenFOAM); or a suffix of
+    PLOT3D. With one of these, none, or the suffix of its own file, a grid from PLOT3D keeps its dialect. Other grids
+    become PLOT3D with 8-byte reals and a block count: ASCII for ``.fmt``, ``.p3dfmt`` and ``.txt``, otherwise raw
+    little-endian binary, both compressed if ``.gz``, ``.bz2`` or ``.xz`` follows.
 
     Parameters
     ----------

@@ -243,15 +243,15 @@ def design_summary(
     problem : openmdao.api.Problem
         A problem that has run.
     outputs : sequence of str
-        Other outputs to take down as well, such as ``"CD"``. Those that are objectives or constraints count once, and
-        those that the flow about a section does not have, such as ``"CD_induced"``, are left out.
+        Other outputs to include, such as ``"CD"``. Objectives and constraints are listed once, and outputs that the
+        flow of a section does not have, such as ``"CD_induced"``, are left out.
     finer : float, optional
-        Cells per direction of a finer member of the grid's family, relative to those of the grid: what the numbers of
-        every `EulerFlow` among them would be there, such as lift and drag, is estimated, see `error_estimate`. Where
-        that cannot be done, the reason is a warning; so is an induced drag below that of the ellipse.
+        Factor on the cells per direction of a finer member of the grid's family, on which lift, drag and other numbers
+        of every `EulerFlow` are estimated, see `error_estimate`. A warning gives the reason if that is not possible,
+        and reports an induced drag below the elliptical one.
     solved_on : float, optional
-        The same of a member on which the flow of every `EulerFlow` among them is solved: at its lift where that is
-        trimmed, else at its angle of attack.
+        The same for a member on which the flow of every `EulerFlow` is solved, at its lift if it is trimmed, otherwise
+        at its angle of attack.
 
     Returns
     -------

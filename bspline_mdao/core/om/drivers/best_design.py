@@ -20,13 +20,13 @@ __all__ = ["load_best"]
 def load_best(problem: om.Problem, cases: str | os.PathLike) -> int:
     """Set the design variables of a problem to the best design that another run of it has recorded.
 
-    That is the one of lowest objective among those that satisfy bounds and constraints as the problem has them now, or
-    the one of least violation if there are none: what `NLoptDriver` leaves at its end, however the other run ended.
+    That is the design of lowest objective among those that satisfy the present bounds and constraints of the problem,
+    or the design of least violation if there are none, however the other run ended.
 
     Parameters
     ----------
     problem : openmdao.api.Problem
-        A problem that is set up, with one objective.
+        A problem after ``setup``, with one objective.
     cases : path-like
         Case file of a driver, such as a `CaseRecorder` writes.
 

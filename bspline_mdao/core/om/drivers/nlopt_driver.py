@@ -46,14 +46,14 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
     """Optimise with any algorithm of NLopt.
 
     After the run the model is at the best point found: the one of lowest objective among those that violate no
-    constraint by more than ``constraint_tolerance``, or the one of least violation if there are none. An end that is
-    infeasible, is stopped from outside or leaves a local search without convergence is reported as failure. An
-    exception that is no ``om.AnalysisError`` passes through, with a note of the best point (Python 3.11 on), which
-    stays in ``best``; the design variables are set to it.
+    constraint by more than ``constraint_tolerance``, or the one of least violation if there are none. A run that ends
+    infeasible, is stopped from outside, or is a local search without convergence is reported as failure. Exceptions
+    other than ``om.AnalysisError`` are passed on with a note of the best point (Python 3.11 on), which stays in
+    ``best``; the design variables are set to it.
 
-    Options are those of NLopt in scaled variables; zero switches a stopping criterion off. Those of OpenMDAO's
-    ``ScipyOptimizeDriver`` hold as well: ``tol``, ``maxiter``, ``disp`` and the dictionary ``opt_settings``, in which
-    ``ftol``, ``maxfun`` and others mean what they do in SciPy; what has no counterpart is refused.
+    Options are NLopt's, in scaled variables; zero switches a stopping criterion off. Options of OpenMDAO's
+    ``ScipyOptimizeDriver`` are accepted too: ``tol``, ``maxiter``, ``disp`` and the dictionary ``opt_settings``, in
+    which ``ftol``, ``maxfun`` and others mean the same as in SciPy; options without a counterpart are an error.
 
     Recorders of the driver and of its problem leave out variables of more than 10,000 values, such as grids, unless
     ``recording_options["includes"]`` names them.
