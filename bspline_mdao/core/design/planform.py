@@ -141,7 +141,9 @@ class Twist(_InSections):
 
     units = "deg"
     unit = np.radians(1.0)
-    _matrices = staticmethod(rotation)
+
+    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
+        return rotation(amounts)
 
 
 @dataclass(frozen=True, eq=False)
