@@ -7,6 +7,7 @@ faster than the shapes skips some. While the hand moves what is seen is made, an
 from __future__ import annotations
 
 import asyncio
+import math
 import sys
 from collections.abc import Callable
 from secrets import token_urlsafe
@@ -334,7 +335,7 @@ class Page:
 
     def _slider(self, v3: Any, html: Any, name: str, label: str, ends: tuple[float, float, float], unit: str) -> None:
         low, high, step = ends
-        digits = max(2, round(-np.log10(step)))
+        digits = max(2, math.ceil(-math.log10(step) - 0.01))
         with html.Div(classes="d-flex justify-space-between text-caption"):
             html.Span(label)
             html.Span(f"{{{{ Number({name}).toFixed({digits}) }}}}{unit}")

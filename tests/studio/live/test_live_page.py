@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from http.client import HTTPConnection
 
 import numpy as np
@@ -120,12 +121,10 @@ def test_the_scene_draws_what_the_shape_has(live, vtk):
     assert scene.nearest(scene.camera, np.array([-500.0, -500.0]), picture) is None
 
 
-@pytest.fixture(scope="module")
-def address(wing_file):
-    pytest.importorskip("trame.app", reason="trame is not installed")
-    pytest.importorskip("trame.widgets.vtk", reason="trame-vtk is not installed")
-    folder = wing_file.parent / "written"
-    call = [sys.executable, "-m", "bspline_mdao", "live", str(wing_file), "--no-browser", "-o", str(folder)]
+@contextmanager
+def served(file, folder):
+    """Address of the page of a model or a study, by the command."""
+    call = [sys.executable, "-m", "bspline_mdao", "live", str(file), "--no-browser", "-o", str(folder)]
     server = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
         for line in server.stdout:
@@ -138,6 +137,14 @@ def address(wing_file):
     finally:
         server.terminate()
         server.communicate(timeout=60)
+
+
+@pytest.fixture(scope="module")
+def address(wing_file):
+    pytest.importorskip("trame.app", reason="trame is not installed")
+    pytest.importorskip("trame.widgets.vtk", reason="trame-vtk is not installed")
+    with served(wing_file, wing_file.parent / "written") as address:
+        yield address
 
 
 @pytest.fixture(scope="module")
@@ -188,6 +195,7 @@ def test_sliders_and_control_points_move_the_grid_in_the_browser(browser, addres
     assert state(browser, "slider_2") == live.sliders[2].high
     assert state(browser, "command") == f"--deform {live.words(live.neutral.with_value(2, live.sliders[2].high))}"
     assert differs(picture(browser), before) > 0.005
+    wait_for(browser, "window.trame.state.get('is_part') === false")  # the hand rests
     twisted = displacement(browser)
     expected = live.at(live.neutral.with_value(2, live.sliders[2].high), with_lift=False)
     assert twisted == pytest.approx(np.linalg.norm(expected.nodes - live.baseline, axis=1).max(), rel=1e-3)
@@ -241,6 +249,34 @@ def test_sliders_and_control_points_move_the_grid_in_the_browser(browser, addres
     require_no_error(browser)
     asked = "return performance.getEntriesByType('resource').map(e => e.name)"
     assert {name.split("/")[2] for name in browser.execute_script(asked)} == {address.split("/")[2]}
+
+
+@pytest.mark.slow
+@needs_browser
+def test_the_variables_of_a_study_are_sliders_and_it_is_written_with_their_values(browser, wing_file, tmp_path):
+    from selenium.webdriver import Keys
+
+    study, written = tmp_path / "study.toml", tmp_path / "written"
+    model = wing_file.as_posix()
+    study.write_text(
+        f"""
+        grid.file = "{model}"
+        variables.twist = {{stations = 2, lower = -4.0, upper = 6.0, start = [0.0, 1.5]}}
+        objective.of = "volume"
+        """
+    )
+    with served(study, written) as address:
+        browser.get(address)
+        wait_for(browser, "document.querySelector('canvas') && document.querySelector('#numbers')")
+        time.sleep(2.0)
+        assert len(browser.find_elements("css selector", ".v-navigation-drawer--left .v-slider-thumb")) == 2
+        assert displacement(browser) > 0.0  # where the study starts
+        browser.find_elements("css selector", ".v-slider-thumb")[0].send_keys(Keys.END)
+        wait_for(browser, "window.trame.state.get('slider_0') === 6 && window.trame.state.get('can_undo')")
+        browser.find_element("id", "write-toml").click()
+        wait_for(browser, "/written$/.test(window.trame.state.get('message'))")
+        require_no_error(browser)
+    assert "start = [6.0, 1.5]" in (written / "study_live_1.toml").read_text()
 
 
 @pytest.mark.slow
