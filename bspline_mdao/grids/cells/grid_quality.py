@@ -15,7 +15,7 @@ Theory: ``docs/theory/quality.rst``.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
@@ -75,12 +75,16 @@ class GridQuality(OneLine):
     rho_height: float = 1000.0  # sharpness of the aggregates of heights
     # number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it
     n_threads: int | None = None
+    # of every aggregate, with the sharpness that the settings give it
+    _rules: Mapping[str, KreisselmeierSteinhauser | PNorm] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not self.pieces.n_cells_of_all:
             raise InputError("quality: no block of the grid has cells in two directions; nothing can be measured")
-        for name in AGGREGATES:
-            self._rule(name)
+        of_cells, of_heights = KreisselmeierSteinhauser(self.rho), KreisselmeierSteinhauser(self.rho_height)
+        rules = {"ks": of_cells, "pnorm": PNorm(self.p)}
+        made = {name: of_heights if each.is_of_heights else rules[each.rule] for name, each in AGGREGATES.items()}
+        object.__setattr__(self, "_rules", made)
 
     @classmethod
     def of_baseline(
@@ -185,14 +189,14 @@ class GridQuality(OneLine):
             measures = chunk_measures(chunk, nodes, asked)
             if q is not None:
                 q[chunk.in_grid] = measures.q
-            return [self._rule(name).part(AGGREGATES[name].numbers(measures)) for name in of_cells]
+            return [self._rules[name].part(AGGREGATES[name].numbers(measures)) for name in of_cells]
 
         parts = self._height_parts(nodes, names)
         if of_cells or cells:
             for name, column in zip(of_cells, zip(*self._over_chunks(work))):
-                parts[name] = self._rule(name).join(column)
+                parts[name] = self._rules[name].join(column)
         whole, signs = self._joined(names, parts), _height_signs(names)
-        found = {name: signs.get(name, 1.0) * self._rule(name).value(part) for name, part in whole.items()}
+        found = {name: signs.get(name, 1.0) * self._rules[name].value(part) for name, part in whole.items()}
         has_corners = "corner_ks" in whole and not self.pieces.has_planes
         return GridValues(found, q, whole["corner_ks"].extreme if has_corners else None)
 
@@ -255,13 +259,13 @@ class GridQuality(OneLine):
         """Parts of the aggregates of heights among the names; an upper bound takes the negative numbers."""
         signs = _height_signs(names)
         ratios = self.first_cells.ratios(nodes) if signs else np.empty(0)
-        return {name: self._rule(name).part(sign * ratios) for name, sign in signs.items()}
+        return {name: self._rules[name].part(sign * ratios) for name, sign in signs.items()}
 
     def _joined(self, names: Collection[str], parts: Mapping[str, Part]) -> dict[str, Part]:
         """Parts of the whole grid from those of this process, and of the others."""
-        none = {name: self._rule(name).part(np.zeros(0)) for name in names}
+        none = {name: self._rules[name].part(np.zeros(0)) for name in names}
         tables = gathered(self.pieces.comm, np.array([[parts.get(name, none[name]) for name in names]]))
-        return {name: self._rule(name).join([Part(*row[n]) for row in tables]) for n, name in enumerate(names)}
+        return {name: self._rules[name].join([Part(*row[n]) for row in tables]) for n, name in enumerate(names)}
 
     def _height_changes(self, nodes: np.ndarray, d_nodes: np.ndarray, values: Mapping[str, float]) -> dict[str, float]:
         """Changes of the aggregates of heights that there are values of."""
@@ -283,16 +287,10 @@ class GridQuality(OneLine):
         """Derivatives, with respect to every ratio, of the aggregates of heights that there are values of."""
         signs = _height_signs(values)
         ratios = self.first_cells.ratios(nodes) if signs else np.empty(0)
-        return {name: self._rule(name).weights(sign * ratios, sign * values[name]) for name, sign in signs.items()}
-
-    def _rule(self, name: str) -> KreisselmeierSteinhauser | PNorm:
-        """Rule of an aggregate, with the sharpness that the settings give it."""
-        if AGGREGATES[name].rule == "pnorm":
-            return PNorm(self.p)
-        return KreisselmeierSteinhauser(self.rho_height if AGGREGATES[name].is_of_heights else self.rho)
+        return {name: self._rules[name].weights(sign * ratios, sign * values[name]) for name, sign in signs.items()}
 
     def _weights(self, measures: Measures, values: GridValues, name: str) -> np.ndarray:
-        return self._rule(name).weights(AGGREGATES[name].numbers(measures), values.aggregates[name])
+        return self._rules[name].weights(AGGREGATES[name].numbers(measures), values.aggregates[name])
 
     def _over_chunks(self, work: Callable, parity: int | None = None) -> list:
         """Results of ``work`` for all chunks, or for every other one of each block, in order."""
