@@ -5,8 +5,8 @@ nodes with weights. Own calls are ``state = node_map.at(points)`` and ``state.vj
 With ``--linear`` the map has no wall layer, and ``jax.device_grid`` is timed as well. CPU seconds of one thread, in
 turn, the fastest of ``--repeats``; points differ from one to the next.
 
-With ``--batch`` so many designs by a twist are evaluated and differentiated both ways, as ``vmap`` asks for them: a batch
-at once, beside its members one by one.
+With ``--batch``, this many designs by a twist are evaluated and differentiated both ways, as ``vmap`` asks for them: at
+once, and one by one.
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ def driver_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     dict of dict
         Keywords of ``plot`` by name.
     """
-    looks = (ORANGE, 2.4), (BLUE, 1.2), (GREEN, 1.2), (PURPLE, 1.2)
-    return {name: dict(zip(("color", "linewidth"), looks[n % len(looks)])) for n, name in enumerate(names)}
+    styles = (ORANGE, 2.4), (BLUE, 1.2), (GREEN, 1.2), (PURPLE, 1.2)
+    return {name: dict(zip(("color", "linewidth"), styles[n % len(styles)])) for n, name in enumerate(names)}
 
 
 def draw_history(

@@ -67,7 +67,7 @@ def space_traces(
             of_shape["displacement"] = _Field("Displacement (m)", ways)
     for of_shape in values:
         colors |= {key: painted.name for key, painted in of_shape.items()}
-    looks = {key: _look([v[key] for v in values if key in v]) for key in colors if key != "plain"}
+    styles = {key: _look([v[key] for v in values if key in v]) for key in colors if key != "plain"}
     light = np.zeros(3)
     light[[axes.downstream, axes.span, axes.up]] = FAR * np.array([-0.5, 0.4, 1.0])
     traces: list[dict[str, Any]] = []
@@ -76,7 +76,7 @@ def space_traces(
         traces.append(_mesh(points, walls, light, {"layer": "walls", "shape": number, "color": "plain"}))
         for key, painted in of_shape.items():
             mesh = _mesh(points, walls, light, {"layer": "walls", "shape": number, "color": key})
-            traces.append(mesh | _painted(painted) | looks[key])
+            traces.append(mesh | _painted(painted) | styles[key])
         traces.append(_wire("lines", number, walls.lines(shape.nodes)))
         for layer in subject.layers_of(shape, walls):
             if len(layer.lines):

@@ -111,7 +111,7 @@ def test_what_is_wrong_with_a_box_is_named(workplace, edit):
 
 
 def test_points_of_a_lattice_around_a_mesh_are_none_of_a_grid_of_blocks(workplace):
-    with pytest.raises(InputError, match=r"line 11: \[variables\] 'free_lattice' is of the lattice around a mesh"):
+    with pytest.raises(InputError, match=r"line 11: \[variables\] 'free_lattice' is of the lattice around an un"):
         study_of(workplace, f"{HEAD}[variables.free_lattice]\nlower = -0.1\nupper = 0.1\n")
 
 
