@@ -92,7 +92,8 @@ def batches(shape=SHAPE, n_control=N_CONTROL, n: int = 16) -> dict:
     Returns
     -------
     dict
-        CPU seconds for each design of values, forward and transposed products: of a batch, and one by one.
+        CPU seconds for each design of values, forward and transposed products: of a batch, and of its members one by
+        one, which are written to one array as well.
     """
     wing, random = DesignSurface.of(fit_grid(onera_m6_grid(shape), n_control=n_control)), np.random.default_rng(0)
     function = grid_function(wing.model, wing.parametrization([Twist("twist", wing.axis, stations=3)]))
@@ -110,8 +111,11 @@ def batches(shape=SHAPE, n_control=N_CONTROL, n: int = 16) -> dict:
         began = time.process_time()
         work((n,), list)
         between = time.process_time()
+        whole = None
         for member in range(n):
-            work((), lambda arrays, member=member: [array[member] for array in arrays])
+            (part,) = work((), lambda arrays, member=member: [array[member] for array in arrays])
+            whole = np.empty((n, *part.shape)) if whole is None else whole
+            whole[member] = part
         found[name] = {"batch": (between - began) / n, "one by one": (time.process_time() - between) / n}
     return found
 

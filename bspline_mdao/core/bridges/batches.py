@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from hashlib import blake2b
 from typing import Any
 
@@ -121,9 +121,9 @@ class Batches(OneLine):
                     keys, places = keys[:1] * len(members), places[:1] * len(members)
                 else:
                     keys, places = self._begun([_row(at, i) for i in members])
-                for i, part in zip(members, work(keys, places, [_row(by, i) for i in members])):
-                    for name, whole in found.items():
-                        whole[i] = part[name]
+                parts = iter(work(keys, places, [_row(by, i) for i in members]))
+                for i in members:
+                    _put(next(parts), found, i)  # none is kept while the next one is made
         return tuple(found[name].reshape((*batch, *shape)) for name, shape in given.items())
 
     def _rows(self, batch: tuple[int, ...], shapes: Shapes, arrays: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
@@ -160,6 +160,12 @@ class Batches(OneLine):
 def _row(arrays: Arrays, i: int) -> dict[str, np.ndarray]:
     """Arrays of one of a batch."""
     return {name: array[min(i, len(array) - 1)] for name, array in arrays.items()}
+
+
+def _put(part: Arrays, found: Mapping[str, np.ndarray], i: int) -> None:
+    """Write arrays of one of a batch."""
+    for name, whole in found.items():
+        whole[i] = part[name]
 
 
 def _key(points: Arrays) -> bytes:
