@@ -64,7 +64,7 @@ def generators(drawing) -> None:
     around, wing, ball, brick = panels(drawing, ("airfoil_grid", "hh_wing_grid", "ball_grid", "brick_grid"))
     draw_net(around, in_plane(bm.generators.airfoil_grid("naca0012", 40, 16).blocks[0]), color=GRAY, **NET)
     around.set(**AROUND)
-    view = np.array([[0.9, 0.0, 0.45], [-0.25, 0.9, 0.35]])
+    view = np.array([[0.9, 0.0, -0.45], [-0.2, 0.9, -0.4]])
     for patch in (model := bm.generators.onera_m6_grid((9, 9, 7))).patches:
         for window in patch.windows if patch.kind in ("wall", "symmetry") else ():
             nodes = np.squeeze(model.blocks[window.block].nodes[window.slices])
@@ -76,7 +76,10 @@ def generators(drawing) -> None:
         for patch in cells.patches:
             for window in patch.windows if patch.kind == "wall" else ():
                 nodes = np.squeeze(cells.blocks[window.block].nodes[window.slices])
-                draw_net(axes, nodes @ view.T, color=BLUE, linewidth=0.6)
+                normals = np.cross(np.gradient(nodes, axis=0), np.gradient(nodes, axis=1))
+                outwards = np.sign(np.sum(normals * nodes))  # both bodies are around the origin
+                is_seen = outwards * (normals @ np.cross(*view))[..., None] > 0.0
+                draw_net(axes, np.where(is_seen, nodes @ view.T, np.nan), color=BLUE, linewidth=0.6)
     for axes in (wing, ball, brick):
         axes.set(aspect="equal")
     for axes in (around, wing, ball, brick):
@@ -158,8 +161,16 @@ def flow(drawing) -> None:
 def optimisation(drawing) -> None:
     """Ways of two drivers through the same valley."""
     (axes,) = panels(drawing, ("",))
-    x, y = np.meshgrid(np.linspace(-1.5, 1.6, 121), np.linspace(-0.6, 1.6, 121))
-    axes.contour(x, y, np.log10(0.02 + (1 - x) ** 2 + 20 * (y - x**2) ** 2), 14, colors="#cccccc", linewidths=0.7)
+    x, y = np.meshgrid(np.linspace(-2.1, 2.1, 121), np.linspace(-2.1, 2.1, 121))
+    axes.contour(
+        x,
+        y,
+        np.log10(0.02 + (1 - x) ** 2 + 20 * (y - x**2) ** 2),
+        14,
+        colors="#cccccc",
+        linewidths=0.7,
+        linestyles="solid",
+    )
     drivers = {
         "ScipyDriver, SLSQP": bm.ScipyDriver(optimizer="SLSQP", tol=1e-10, maxiter=80, disp=False),
         "NLoptDriver, LD_LBFGS": bm.NLoptDriver(optimizer="LD_LBFGS", tol=1e-10, disp=False),
@@ -183,8 +194,8 @@ def optimisation(drawing) -> None:
         way = [np.concatenate([case[key] for case in cases]) for key in ("x", "y")]
         axes.plot(*way, "o-", color=color, linewidth=width, markersize=2.0 + width, label=f"{name}: {len(cases)}")
     axes.plot(1.0, 1.0, "*", color=RED, markersize=9)
-    axes.set(xlabel="x", ylabel="y", xlim=(-1.5, 1.6), ylim=(-0.6, 1.6))
-    axes.legend(fontsize=8, title="evaluations", title_fontsize=8, loc="upper center")
+    axes.set(xlabel="x", ylabel="y", xlim=(-2.1, 2.1), ylim=(-2.1, 2.1))
+    drawing.legend(fontsize=9, title="evaluations", title_fontsize=9, loc="outside right upper")
 
 
 def sampling(drawing) -> None:
@@ -223,7 +234,7 @@ def testing(drawing) -> None:
 
 PICTURES = {
     grids: (8.0, 2.4), generators: (8.0, 2.2), fit: (8.0, 1.9), measures: (7.0, 2.0), movers: (8.0, 1.8),
-    flow: (8.0, 2.6), optimisation: (5.0, 3.0), sampling: (6.5, 2.6), testing: (5.5, 2.9),
+    flow: (8.0, 2.6), optimisation: (7.0, 3.0), sampling: (6.5, 2.6), testing: (5.5, 2.9),
 }  # fmt: skip
 """What draws, and sizes in inches."""
 
@@ -232,7 +243,7 @@ def main(names: list[str]) -> None:
     """Draw what is named, or all."""
     for draw, size in PICTURES.items():
         if not names or draw.__name__ in names:
-            with figure(FOLDER, draw.__name__, size, n_colours=32) as drawing:
+            with figure(FOLDER, draw.__name__, size, n_colours=64) as drawing:
                 draw(drawing)
 
 
