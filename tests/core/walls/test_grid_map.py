@@ -63,6 +63,19 @@ def test_control_points_of_the_baseline_give_the_baseline(model):
     np.testing.assert_allclose(grid_map.at(model.control_points).nodes, baseline, rtol=0, atol=1e-15 * np.ptp(baseline))
 
 
+def test_nodes_in_planes_see_the_same_with_and_without_others(wing):
+    rotation_map, rng = map_of(wing).rotation_map, np.random.default_rng(4)
+    rows = np.unique(np.concatenate([face.rows for face in rotation_map.faces]))
+    whole = rotation_map.rows(rows)
+    assert (whole.planes >= 0).any()
+    for last in rng.integers(30, len(rows), size=20):
+        some = np.unique([*rng.integers(last, size=30), last])
+        found = rotation_map.rows(rows[some])
+        np.testing.assert_array_equal(found.planes, whole.planes[some])
+        np.testing.assert_array_equal(found.corners, whole.corners[some])
+        np.testing.assert_array_equal(found.weights, whole.weights[some])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("axis", range(3))
 def test_a_quarter_turn_of_all_control_points_turns_all_nodes(model, axis):
