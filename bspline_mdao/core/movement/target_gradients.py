@@ -279,21 +279,6 @@ def _target_vjp(f_s, z_bar, target, f_bar, target_bar):
             target_bar[d, c] = total
 
 
-@njit(cache=True, error_model="numpy")
-def _is_at_rest(displacement, corners, target):
-    """Whether neither the corners of an element are displaced nor its gradient is to be another."""
-    for part in range(len(displacement)):
-        for c in range(8):
-            for d in range(3):
-                if displacement[part, corners[c], d] != 0.0:
-                    return False
-    for d in range(3):
-        for c in range(3):
-            if target[d, c] != 0.0:
-                return False
-    return True
-
-
 @njit(cache=True)
 def _force(points, elements, signs, modulus, law, target, displacement):
     """Force on every point, as a sum of as many parts as the displacement."""
@@ -301,8 +286,15 @@ def _force(points, elements, signs, modulus, law, target, displacement):
     f, z, fluxes = np.empty((3, 3, 8)), np.empty((3, 3, 8)), np.empty((3, 3, 8))
     for e in range(len(elements)):
         corners = elements[e]
-        if _is_at_rest(displacement, corners, target[e]):
-            continue  # as most elements are where the surface alone is displaced
+        size = 0.0
+        for d in range(3):
+            for c in range(8):
+                for part in range(len(displacement)):
+                    size += abs(displacement[part, corners[c], d])
+            for c in range(3):
+                size += abs(target[e, d, c])
+        if size == 0.0:  # at rest, as most elements are where the surface alone is displaced
+            continue
         slopes_of(points, corners, f)
         slopes_of_sum(displacement, corners, z)
         _subtract_target(f, target[e], z)
