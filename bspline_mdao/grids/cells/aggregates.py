@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,6 +49,15 @@ class KreisselmeierSteinhauser(OneLine):
     def __post_init__(self) -> None:
         if not 0.0 < self.rho < np.inf:
             raise InputError(f"Kreisselmeier-Steinhauser aggregate: rho is {self.rho}; give a positive number")
+
+    @property
+    def settings(self) -> tuple[float, int]:
+        """Sharpness and power as `.lane_bounds` has them."""
+        return self.rho, 0
+
+    def part_of(self, smallest: float, total: float) -> Part:
+        """Part of the smallest number and the sum of the terms relative to its: no number where the sum is none."""
+        return Part(smallest + 0.0 * total, total)
 
     def part(self, x: np.ndarray) -> Part:
         """Sum over an array."""
@@ -84,6 +93,15 @@ class PNorm:
     def __post_init__(self) -> None:
         if self.p < 2 or int(self.p) != self.p:
             raise InputError(f"p-norm aggregate: p is {self.p}; give a whole number from 2 on")
+
+    @property
+    def settings(self) -> tuple[float, int]:
+        """Sharpness and power as `.lane_bounds` has them."""
+        return 0.0, self.p
+
+    def part_of(self, smallest: float, total: float) -> Part:
+        """Part of the smallest number, at most 1, and the sum of the terms relative to its."""
+        return Part(1.0 - smallest, total)
 
     def part(self, x: np.ndarray) -> Part:
         """Sum over an array."""
@@ -128,8 +146,8 @@ def _power(x: np.ndarray, n: int) -> np.ndarray:
 class Aggregate:
     """A smooth bound of a measure over a whole grid, as a constraint on the worst cell needs it."""
 
-    # field of `bspline_mdao.grids.cells.block_cells.Measures` that is bounded, or ``"height"`` for the heights of the
-    # first cells at walls
+    # what is bounded: one of `bspline_mdao.grids.cells.lane_bounds.ROWS`, ``"coefficients"`` of the Jacobian, or
+    # ``"height"`` for the heights of the first cells at walls
     measure: str
     rule: str  # `KreisselmeierSteinhauser` or `PNorm`; the latter only of what is at most 1
     meaning: str  # what it is, for the documentation of the outputs
@@ -144,10 +162,6 @@ class Aggregate:
     def is_of_heights(self) -> bool:
         """Whether it needs walls."""
         return self.measure == "height"
-
-    def numbers(self, measures: Any) -> np.ndarray:
-        """Return what it bounds among the measures of cells, or among changes or adjoints of them, as a view."""
-        return getattr(measures, self.measure)
 
 
 AGGREGATES = {

@@ -1,7 +1,6 @@
 """The cells of one block, or of a piece of it: what the baseline decides about them, their measures and derivatives.
 
-A chunk is some layers of cells along the first direction, few enough for the corner measures to fit the second-level
-cache.
+A chunk is some layers of cells along the first direction, what a thread takes at a time.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -9,7 +8,8 @@ Theory: ``docs/theory/quality.rst``.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,19 +18,29 @@ from ...base.display import OneLine
 from ...base.numerics.processes import gathered, together
 from ..topology.block_layout import has_cells
 from ..topology.index_space import Window
-from .cell_loops import as_points, block_jvp, block_measures, block_vjp
+from .cell_loops import as_points, block_bounds, block_jvp, block_vjp
 from .hexahedron import COLLAPSE_TOLERANCE, UPPER_CORNERS, cell_quality, collapsed_corners, flat_direction, stack_plane
 from .jacobian_bounds import N_COEFFICIENTS, block_coefficients, coefficients_jvp, coefficients_vjp
-from .orthogonality import orthogonality, orthogonality_jvp, orthogonality_vjp
 from .pieces import Frame, Pieces
 
-__all__ = ["BlockCells", "Chunk", "Measures", "block_cells", "chunk_jvp", "chunk_measures", "chunk_vjp"]
+__all__ = [
+    "BlockCells",
+    "Chunk",
+    "block_cells",
+    "chunk_bounds",
+    "chunk_coefficients",
+    "chunk_coefficients_jvp",
+    "chunk_coefficients_vjp",
+    "chunk_jvp",
+    "chunk_vjp",
+]
 
 LOWER_CORNERS = np.uint8(0b00001111)
 """Corners 0 to 3: those of a planar block."""
 
-CHUNK_CELLS = 8192
-"""Cells of a chunk, at most, if it is more than one layer: their corner measures fit the second-level cache."""
+CHUNK_CELLS = 32768
+"""Cells of a chunk, at most, if it is more than one layer. Kernels hold two layers of nodes and read one more than a
+chunk has of cells: in a block of 64 by 32 cells across, one in 17."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,10 +220,16 @@ class Chunk:
         nodes = self._nodes(grid_nodes)
         return nodes if self.block.flat is None else stack_plane(nodes[:, :, 0], 0.0 if normal is None else normal)
 
-    def add(self, solid_bar: np.ndarray, grid_bar: np.ndarray) -> None:
-        """Add adjoints of what `solid` gives to those of the grid's nodes."""
+    @contextmanager
+    def added(self, grid_bar: np.ndarray) -> Iterator[np.ndarray]:
+        """Room for adjoints of what `solid` gives, which are added to those of the grid's nodes."""
         bar = self._nodes(grid_bar)
-        bar += solid_bar if self.block.flat is None else solid_bar.sum(axis=2, keepdims=True)
+        if self.block.flat is None:
+            yield bar
+        else:
+            solid_bar = np.zeros((*bar.shape[:2], 2, 3))
+            yield solid_bar
+            bar += solid_bar.sum(axis=2, keepdims=True)
 
     def _nodes(self, grid_nodes: np.ndarray) -> np.ndarray:
         nodes = self.block.nodes_of(grid_nodes)
@@ -222,104 +238,68 @@ class Chunk:
         return nodes[self.start : self.stop + 1]
 
 
-@dataclass(frozen=True)
-class Measures:
-    """Measures of the cells of a chunk, or changes or adjoints of them; None of those that are not asked for."""
-
-    # corner triple products; 1 at degenerate corners; of no size where neither they nor Q are asked for
-    triples: np.ndarray  # (8, n_cells)
-    q: np.ndarray | None = None  # (n_cells,), orthogonality, Eq. (9)
-    # corner Jacobians divided by the volume of the cell on the baseline; infinite at degenerate corners
-    jacobians: np.ndarray | None = None  # (8, n_cells)
-    # volumes divided by those of the baseline; infinite where there was none
-    volume: np.ndarray | None = None  # (n_cells,)
-    # Bernstein coefficients of the Jacobian divided by the volume of the cell on the baseline; infinite where they are
-    # zero by a collapsed edge
-    coefficients: np.ndarray | None = None  # (27, n_cells)
+def chunk_bounds(
+    chunk: Chunk,
+    nodes: np.ndarray,  # (n_nodes, 3)
+    bounds: np.ndarray,  # of `BOUND`, references and totals are set
+    q: np.ndarray,  # (n_cells,) of the grid, Q of the cells of the chunk is written to it; or of no size
+) -> None:
+    """Bound the measures of the cells of a chunk of a grid."""
+    block_bounds(*_cells_of(chunk, nodes), bounds, _part(chunk, q))
 
 
-def chunk_measures(chunk: Chunk, nodes: np.ndarray, asked: Collection[str]) -> Measures:
-    """Measure the cells of a chunk of a grid with nodes (n_nodes, 3): what is ``asked``, fields of `Measures`."""
-    triples, jacobians, volume = _empty(chunk, asked)
-    points = as_points(chunk.solid(nodes, chunk.block.normal))
-    block_measures(points, chunk.degenerate_corners, chunk.block.sign, triples, jacobians, volume)
-    coefficients = None
-    if "coefficients" in asked:
-        coefficients, bits = np.empty((N_COEFFICIENTS, chunk.degenerate_corners.size)), chunk.solid_bits
-        block_coefficients(points, bits, chunk.block.sign, chunk.block.shortest, coefficients)
-        _scale(chunk, coefficients, np.inf)
-    q = orthogonality(triples, axis=0) if "q" in asked else None
-    return Measures(triples, q, *_scaled(chunk, jacobians, volume, np.inf, asked), coefficients)
-
-
-def chunk_jvp(
-    chunk: Chunk, nodes: np.ndarray, d_nodes: np.ndarray, measures: Measures, asked: Collection[str]
-) -> Measures:
-    """Change of the measures with the nodes."""
-    d_triples, d_jacobians, d_volume = _empty(chunk, asked)
-    points, d_points = as_points(chunk.solid(nodes, chunk.block.normal)), as_points(chunk.solid(d_nodes))
-    block_jvp(points, d_points, chunk.degenerate_corners, chunk.block.sign, d_triples, d_jacobians, d_volume)
-    d_coefficients = None
-    if measures.coefficients is not None:
-        d_coefficients = np.empty_like(measures.coefficients)
-        coefficients_jvp(points, d_points, chunk.degenerate_corners, chunk.block.sign, d_coefficients)
-        _scale(chunk, d_coefficients, 0.0)
-    d_q = orthogonality_jvp(measures.triples, d_triples, axis=0) if "q" in asked else None
-    return Measures(d_triples, d_q, *_scaled(chunk, d_jacobians, d_volume, 0.0, asked), d_coefficients)
+def chunk_jvp(chunk: Chunk, nodes: np.ndarray, d_nodes: np.ndarray, bounds: np.ndarray, d_q: np.ndarray) -> None:
+    """Change of what `chunk_bounds` gives with the nodes: the totals of the bounds."""
+    x, *cells = _cells_of(chunk, nodes)
+    block_jvp(x, as_points(chunk.solid(d_nodes)), *cells, bounds, _part(chunk, d_q))
 
 
 def chunk_vjp(
     chunk: Chunk,
     nodes: np.ndarray,  # (n_nodes, 3)
-    measures: Measures,
-    bars: Mapping[str, np.ndarray],  # adjoints, by fields of `Measures`; zeros where there is none
+    bounds: np.ndarray,  # with seeds
+    q_bar: np.ndarray,  # (n_cells,) of the grid, or of no size
     nodes_bar: np.ndarray,  # (n_nodes, 3), added to
 ) -> None:
-    """Add the adjoint of the nodes from that of the measures."""
-    inverse = chunk.block.inverse_volume[chunk.in_block]
-    triples_bar = bars.get("triples")
-    if "q" in bars:
-        of_q = orthogonality_vjp(measures.triples, bars["q"], axis=0)
-        triples_bar = of_q if triples_bar is None else triples_bar + of_q
-    solid = chunk.solid(nodes, chunk.block.normal)
-    solid_bar = np.zeros(solid.shape)
-    block_vjp(
-        as_points(solid), chunk.degenerate_corners, chunk.block.sign,
-        np.empty((8, 0)) if triples_bar is None else triples_bar,
-        bars["jacobians"] * inverse if "jacobians" in bars else np.empty((8, 0)),
-        bars["volume"] * inverse if "volume" in bars else np.empty(0), as_points(solid_bar),
-    )  # fmt: skip
-    if "coefficients" in bars:
-        coefficients_vjp(
-            as_points(solid), chunk.degenerate_corners, chunk.block.sign, bars["coefficients"] * inverse,
-            as_points(solid_bar),
-        )  # fmt: skip
-    chunk.add(solid_bar, nodes_bar)
+    """Add the adjoint of the nodes from that of what `chunk_bounds` gives."""
+    with chunk.added(nodes_bar) as solid_bar:
+        block_vjp(*_cells_of(chunk, nodes), bounds, _part(chunk, q_bar), as_points(solid_bar))
 
 
-def _empty(chunk: Chunk, asked: Collection[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Room for triple products, Jacobians and volumes; none of what is not asked for."""
-    n = chunk.degenerate_corners.size
-    n_triples, n_jacobians, n_volumes = (
-        n if names & set(asked) else 0 for names in ({"triples", "q"}, {"jacobians"}, {"volume"})
-    )
-    return np.empty((8, n_triples)), np.empty((8, n_jacobians)), np.empty(n_volumes)
+def chunk_coefficients(chunk: Chunk, nodes: np.ndarray) -> np.ndarray:
+    """Bernstein coefficients (27, n_cells) of the Jacobian by the volume of the cell on the baseline."""
+    # infinite where they are zero by a collapsed edge
+    x, _, sign, inverse = _cells_of(chunk, nodes)
+    coefficients = np.empty((N_COEFFICIENTS, inverse.size))
+    block_coefficients(x, chunk.solid_bits, sign, chunk.block.shortest, coefficients)
+    coefficients *= np.where(inverse == 0.0, 1.0, inverse)
+    coefficients[:, inverse == 0.0] = np.inf
+    return coefficients
 
 
-def _scaled(
-    chunk: Chunk, jacobians: np.ndarray, volume: np.ndarray, without: float, asked: Collection[str]
-) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Divide those of both that are asked for by the volumes of the baseline, see `_scale`."""
-    for name, rows in ("jacobians", jacobians), ("volume", volume[None]):
-        if name in asked:
-            _scale(chunk, rows, without)
-    return jacobians if "jacobians" in asked else None, volume if "volume" in asked else None
+def chunk_coefficients_jvp(chunk: Chunk, nodes: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
+    """Change of the coefficients with the nodes."""
+    x, bits, sign, inverse = _cells_of(chunk, nodes)
+    d_coefficients = np.empty((N_COEFFICIENTS, inverse.size))
+    coefficients_jvp(x, as_points(chunk.solid(d_nodes)), bits, sign, d_coefficients)
+    d_coefficients *= inverse
+    return d_coefficients
 
 
-def _scale(chunk: Chunk, rows: np.ndarray, without: float) -> None:
-    """Divide rows by the volumes of the baseline; cells that had none get the value ``without``."""
-    inverse = chunk.block.inverse_volume[chunk.in_block]
-    had_none = inverse == 0.0
-    rows *= np.where(had_none, 1.0, inverse)
-    if had_none.any():
-        rows[:, had_none] = without
+def chunk_coefficients_vjp(chunk: Chunk, nodes: np.ndarray, bar: np.ndarray, nodes_bar: np.ndarray) -> None:
+    """Add the adjoint of the nodes from that of the coefficients."""
+    x, bits, sign, inverse = _cells_of(chunk, nodes)
+    with chunk.added(nodes_bar) as solid_bar:
+        coefficients_vjp(x, bits, sign, bar * inverse, as_points(solid_bar))
+
+
+def _cells_of(chunk: Chunk, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+    """Nodes, degenerate corners, handedness and inverse volumes, as kernels take them."""
+    block = chunk.block
+    points = as_points(chunk.solid(nodes, block.normal))
+    return points, chunk.degenerate_corners, block.sign, block.inverse_volume[chunk.in_block]
+
+
+def _part(chunk: Chunk, of_cells: np.ndarray) -> np.ndarray:
+    """View of what a chunk has of numbers of all cells, which may have no size."""
+    return of_cells[chunk.in_grid]

@@ -3,7 +3,7 @@
 Aggregates of the heights of the first cells at walls are beside those of all cells; `.aggregates` has the table of
 them.
 
-The grid is worked through in chunks whose corner measures fit the cache. Chunks depend on the shapes of the blocks
+The grid is worked through in chunks, and what is found of a cell is not kept. Chunks depend on the shapes of the blocks
 alone and their results are joined in order, so that nothing depends on the number of threads.
 
 Processes may hold pieces of the grid. Nodes and cells are then those of a process, and aggregates those of the whole
@@ -26,10 +26,21 @@ from ...base.numerics.threads import run_tasks, thread_count
 from ...errors import InputError
 from ..topology.grid import Grid
 from .aggregates import AGGREGATES, KreisselmeierSteinhauser, Part, PNorm
-from .block_cells import BlockCells, Chunk, Measures, block_cells, chunk_jvp, chunk_measures, chunk_vjp
+from .block_cells import (
+    BlockCells,
+    Chunk,
+    block_cells,
+    chunk_bounds,
+    chunk_coefficients,
+    chunk_coefficients_jvp,
+    chunk_coefficients_vjp,
+    chunk_jvp,
+    chunk_vjp,
+)
 from .cell_loops import as_points
 from .first_cells import FirstCells
 from .hexahedron import CellQuality, cell_quality, mean_normal, summed_areas, unit_normal
+from .lane_bounds import ROWS, bounds_of, weights_of
 from .pieces import Pieces
 
 __all__ = ["GridQuality", "GridValues"]
@@ -127,7 +138,7 @@ class GridQuality(OneLine):
     @property
     def aggregates(self) -> tuple[str, ...]:
         """Names of the aggregates that the grid has: those of heights only where it has walls."""
-        return tuple(AGGREGATES) if self.first_cells.n_of_all else tuple(_of_cells(AGGREGATES))
+        return tuple(name for name, of in AGGREGATES.items() if self.first_cells.n_of_all or not of.is_of_heights)
 
     def cells(
         self,
@@ -182,23 +193,28 @@ class GridQuality(OneLine):
         """Aggregate the quality of a grid. `InputError` if there is no such aggregate."""
         names = self.aggregates if names is None else names
         self.require(names)
-        q = np.empty(self.n_cells) if cells else None
-        of_cells, asked = _of_cells(names), _measures(names, cells)
+        q, bounds = np.empty(self.n_cells if cells else 0), self._bounds(names)
+        measured, certified = _of_cells(names)
 
-        def work(chunk: Chunk) -> list:
-            measures = chunk_measures(chunk, nodes, asked)
-            if q is not None:
-                q[chunk.in_grid] = measures.q
-            return [self._rules[name].part(AGGREGATES[name].numbers(measures)) for name in of_cells]
+        def work(chunk: Chunk) -> list[Part]:
+            found = bounds.copy()
+            if measured or cells:
+                chunk_bounds(chunk, nodes, found, q)
+            sums = zip(found["reference"].tolist(), found["total"].tolist())
+            parts = [self._rules[name].part_of(*of_one) for name, of_one in zip(measured, sums)]
+            if certified:
+                coefficients = chunk_coefficients(chunk, nodes)
+                parts += [self._rules[name].part(coefficients) for name in certified]
+            return parts
 
         parts = self._height_parts(nodes, names)
-        if of_cells or cells:
-            for name, column in zip(of_cells, zip(*self._over_chunks(work))):
+        if measured or certified or cells:
+            for name, column in zip((*measured, *certified), zip(*self._over_chunks(work))):
                 parts[name] = self._rules[name].join(column)
         whole, signs = self._joined(names, parts), _height_signs(names)
         found = {name: signs.get(name, 1.0) * self._rules[name].value(part) for name, part in whole.items()}
         has_corners = "corner_ks" in whole and not self.pieces.has_planes
-        return GridValues(found, q, whole["corner_ks"].extreme if has_corners else None)
+        return GridValues(found, q if cells else None, whole["corner_ks"].extreme if has_corners else None)
 
     def jvp(
         self,
@@ -208,22 +224,28 @@ class GridQuality(OneLine):
         values: GridValues,  # what `evaluate` gives for the nodes
     ) -> GridValues:  # changes of what ``values`` holds
         """Change of the quality with the nodes."""
-        d_q = np.empty(self.n_cells) if values.q is not None else None
-        of_cells, asked = _of_cells(values.aggregates), _measures(values.aggregates, values.q is not None)
+        d_q = np.empty(0 if values.q is None else self.n_cells)
+        measured, certified = _of_cells(values.aggregates)
+        weights = self._weights(values, dict.fromkeys(measured, 1.0))
 
-        def work(chunk: Chunk) -> list:
-            measures = chunk_measures(chunk, nodes, asked)
-            change = chunk_jvp(chunk, nodes, d_nodes, measures, asked)
-            if d_q is not None:
-                d_q[chunk.in_grid] = change.q
-            return [_sum(self._weights(measures, values, name), AGGREGATES[name].numbers(change)) for name in of_cells]
+        def work(chunk: Chunk) -> list[float]:
+            found = weights.copy()
+            if measured or values.q is not None:
+                chunk_jvp(chunk, nodes, d_nodes, found, d_q)
+            changes = found["total"].tolist()
+            if certified:
+                coefficients, change = chunk_coefficients(chunk, nodes), chunk_coefficients_jvp(chunk, nodes, d_nodes)
+                for name in certified:
+                    changes.append(_sum(self._rules[name].weights(coefficients, values.aggregates[name]), change))
+            return changes
 
         found = self._height_changes(nodes, d_nodes, values.aggregates)
-        if of_cells or d_q is not None:
+        if measured or certified or values.q is not None:
             rows = self._over_chunks(work)
-            found |= dict(zip(of_cells, np.array(rows).reshape(len(rows), len(of_cells)).sum(axis=0).tolist()))
+            totals = np.array(rows).reshape(len(rows), len(measured) + len(certified)).sum(axis=0)
+            found |= dict(zip((*measured, *certified), totals.tolist()))
         changes = summed(self.pieces.comm, np.array([found[name] for name in values.aggregates]))
-        return GridValues(dict(zip(values.aggregates, changes.tolist())), d_q)
+        return GridValues(dict(zip(values.aggregates, changes.tolist())), None if values.q is None else d_q)
 
     def vjp(
         self,
@@ -232,24 +254,21 @@ class GridQuality(OneLine):
         bar: GridValues,  # adjoints of some or all of that
     ) -> np.ndarray:  # (n_nodes, 3)
         """Adjoint of the nodes from that of the quality."""
-        nodes_bar = np.zeros((self.n_nodes, 3))
-        seeds = {name: bar.aggregates[name] for name in _of_cells(bar.aggregates) if bar.aggregates[name] != 0.0}
-
-        asked = _measures(seeds, bar.q is not None)
+        nodes_bar, q_bar = np.zeros((self.n_nodes, 3)), np.empty(0) if bar.q is None else np.ascontiguousarray(bar.q)
+        seeds = {name: seed for name, seed in bar.aggregates.items() if seed != 0.0}
+        measured, certified = _of_cells(seeds)
+        weights = self._weights(values, {name: seeds[name] for name in measured})
 
         def work(chunk: Chunk) -> None:
-            measures = chunk_measures(chunk, nodes, asked)
-            bars = {} if bar.q is None else {"q": bar.q[chunk.in_grid].copy()}
-            for name, seed in seeds.items():
-                weights, measure = self._weights(measures, values, name), AGGREGATES[name].measure
-                weights *= seed
-                if measure in bars:
-                    bars[measure] += weights
-                else:
-                    bars[measure] = weights
-            chunk_vjp(chunk, nodes, measures, bars, nodes_bar)
+            if measured or bar.q is not None:
+                chunk_vjp(chunk, nodes, weights.copy(), q_bar, nodes_bar)
+            if certified:
+                coefficients = chunk_coefficients(chunk, nodes)
+                for name in certified:
+                    weight = seeds[name] * self._rules[name].weights(coefficients, values.aggregates[name])
+                    chunk_coefficients_vjp(chunk, nodes, weight, nodes_bar)
 
-        if seeds or bar.q is not None:
+        if measured or certified or bar.q is not None:
             for parity in (0, 1):  # neighbouring chunks share a layer of nodes
                 self._over_chunks(work, parity)
         self._add_height_bars(nodes, values.aggregates, bar.aggregates, nodes_bar)
@@ -289,8 +308,14 @@ class GridQuality(OneLine):
         ratios = self.first_cells.ratios(nodes) if signs else np.empty(0)
         return {name: self._rules[name].weights(sign * ratios, sign * values[name]) for name, sign in signs.items()}
 
-    def _weights(self, measures: Measures, values: GridValues, name: str) -> np.ndarray:
-        return self._rules[name].weights(AGGREGATES[name].numbers(measures), values.aggregates[name])
+    def _bounds(self, names: Iterable[str]) -> np.ndarray:
+        """Records of the bounds of measures among the names, without terms."""
+        rules = [(AGGREGATES[name].measure, *self._rules[name].settings) for name in _of_cells(names)[0]]
+        return bounds_of(rules, self.pieces.n_cells_of_all)
+
+    def _weights(self, values: GridValues, seeds: Mapping[str, float]) -> np.ndarray:
+        """Records of the weights of the bounds that there are seeds of."""
+        return weights_of(self._bounds(seeds), [values.aggregates[name] for name in seeds], [*seeds.values()])
 
     def _over_chunks(self, work: Callable, parity: int | None = None) -> list:
         """Results of ``work`` for all chunks, or for every other one of each block, in order."""
@@ -305,14 +330,12 @@ def _sum(weights: np.ndarray, changes: np.ndarray) -> float:
     return weights.sum()
 
 
-def _of_cells(names: Iterable[str]) -> list[str]:
-    """Aggregates among the names that measure cells, in their order."""
-    return [name for name in names if not AGGREGATES[name].is_of_heights]
-
-
-def _measures(names: Iterable[str], cells: bool) -> set[str]:
-    """Fields of `Measures` that aggregates are of, and Q where it is wanted of every cell."""
-    return {AGGREGATES[name].measure for name in _of_cells(names)} | ({"q"} if cells else set())
+def _of_cells(names: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Aggregates among the names that are of measures of cells, in their order, and those of coefficients."""
+    of_cells = [name for name in names if not AGGREGATES[name].is_of_heights]
+    return [n for n in of_cells if AGGREGATES[n].measure in ROWS], [
+        n for n in of_cells if AGGREGATES[n].measure not in ROWS
+    ]
 
 
 def _height_signs(names: Iterable[str]) -> dict[str, float]:

@@ -30,6 +30,7 @@ __all__ = [
     "FAST",
     "TINY",
     "at_corners",
+    "between",
     "cell_volume",
     "cell_volume_jvp",
     "cell_volume_vjp",
@@ -37,6 +38,7 @@ __all__ = [
     "corner_measures",
     "corner_vjp",
     "edges_vjp",
+    "inverse_length",
     "inverse_lengths",
     "orthogonality",
     "orthogonality_jvp",
@@ -109,14 +111,21 @@ def at_corners(xi, eta, zeta):
 
 
 @njit(**FAST)
-def _inverse_length(e):
+def between(p, q):
+    """Vector from one point to another."""
+    return q[0] - p[0], q[1] - p[1], q[2] - p[2]
+
+
+@njit(**FAST)
+def inverse_length(e):
+    """Inverse length of an edge."""
     return inverse_root(e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + TINY)
 
 
 @njit(**FAST)
 def inverse_lengths(edges):
     """Inverse lengths of four edges."""
-    return _inverse_length(edges[0]), _inverse_length(edges[1]), _inverse_length(edges[2]), _inverse_length(edges[3])
+    return inverse_length(edges[0]), inverse_length(edges[1]), inverse_length(edges[2]), inverse_length(edges[3])
 
 
 @njit(**FAST)
@@ -139,53 +148,50 @@ def corner_jvp(sign, edges, inverses, changes):
 
 @njit(**FAST)
 def corner_vjp(sign, edges, inverses, triple_bar, jacobian_bar):
-    """Transpose of `corner_jvp`: adjoints of the three edges of a corner."""
+    """Transpose of `corner_jvp`: adjoints of the three edges of a corner without their stretch, and that of it."""
     (a, b, c), (i_a, i_b, i_c) = edges, inverses
     ab, scaled = _cross(a, b), sign * triple_bar * (i_a * i_b * i_c)
-    factor, shrink = sign * jacobian_bar + scaled, scaled * _dot(ab, c)
-    return (
-        _difference(factor, _cross(b, c), shrink * i_a * i_a, a),
-        _difference(factor, _cross(c, a), shrink * i_b * i_b, b),
-        _difference(factor, ab, shrink * i_c * i_c, c),
-    )
+    factor = sign * jacobian_bar + scaled
+    return _times(factor, _cross(b, c)), _times(factor, _cross(c, a)), _times(factor, ab), scaled * _dot(ab, c)
 
 
 @njit(**FAST)
-def _difference(factor, p, shrink, q):
-    """``factor p - shrink q``."""
-    return factor * p[0] - shrink * q[0], factor * p[1] - shrink * q[1], factor * p[2] - shrink * q[2]
+def _times(factor, p):
+    return factor * p[0], factor * p[1], factor * p[2]
 
 
 @njit(**FAST)
-def edges_vjp(corner_bars, volume_bars):
+def _edge_bar(edge, inverse, p, q, shrink, r):
+    """Adjoint of an edge from those at its two corners and of their stretch, and from that of the volume."""
+    s = shrink * (inverse * inverse)
+    return p[0] + q[0] - s * edge[0] + r[0], p[1] + q[1] - s * edge[1] + r[1], p[2] + q[2] - s * edge[2] + r[2]
+
+
+@njit(**FAST)
+def edges_vjp(edges, inverses, corner_bars, volume_bars):
     """Transpose of `at_corners`: adjoints of the twelve edges, from those at the corners and those of the volume."""
     b0, b1, b2, b3, b4, b5, b6, b7 = corner_bars
-    a, b, c = volume_bars
+    (e, f, g), (i, j, k), (a, b, c) = edges, inverses, volume_bars
     return (
         (
-            _sum_of_three(a[0], b0[0], b1[0]),
-            _sum_of_three(a[1], b2[0], b3[0]),
-            _sum_of_three(a[2], b4[0], b5[0]),
-            _sum_of_three(a[3], b6[0], b7[0]),
+            _edge_bar(e[0], i[0], b0[0], b1[0], b0[3] + b1[3], a[0]),
+            _edge_bar(e[1], i[1], b2[0], b3[0], b2[3] + b3[3], a[1]),
+            _edge_bar(e[2], i[2], b4[0], b5[0], b4[3] + b5[3], a[2]),
+            _edge_bar(e[3], i[3], b6[0], b7[0], b6[3] + b7[3], a[3]),
         ),
         (
-            _sum_of_three(b[0], b0[1], b2[1]),
-            _sum_of_three(b[1], b1[1], b3[1]),
-            _sum_of_three(b[2], b4[1], b6[1]),
-            _sum_of_three(b[3], b5[1], b7[1]),
+            _edge_bar(f[0], j[0], b0[1], b2[1], b0[3] + b2[3], b[0]),
+            _edge_bar(f[1], j[1], b1[1], b3[1], b1[3] + b3[3], b[1]),
+            _edge_bar(f[2], j[2], b4[1], b6[1], b4[3] + b6[3], b[2]),
+            _edge_bar(f[3], j[3], b5[1], b7[1], b5[3] + b7[3], b[3]),
         ),
         (
-            _sum_of_three(c[0], b0[2], b4[2]),
-            _sum_of_three(c[1], b1[2], b5[2]),
-            _sum_of_three(c[2], b2[2], b6[2]),
-            _sum_of_three(c[3], b3[2], b7[2]),
+            _edge_bar(g[0], k[0], b0[2], b4[2], b0[3] + b4[3], c[0]),
+            _edge_bar(g[1], k[1], b1[2], b5[2], b1[3] + b5[3], c[1]),
+            _edge_bar(g[2], k[2], b2[2], b6[2], b2[3] + b6[3], c[2]),
+            _edge_bar(g[3], k[3], b3[2], b7[2], b3[3] + b7[3], c[3]),
         ),
     )
-
-
-@njit(**FAST)
-def _sum_of_three(p, q, r):
-    return p[0] + q[0] + r[0], p[1] + q[1] + r[1], p[2] + q[2] + r[2]
 
 
 @njit(**FAST)

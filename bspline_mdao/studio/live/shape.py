@@ -32,8 +32,9 @@ from ...core.movement.default_mover import default_mover
 from ...core.movement.mover import Mover
 from ...core.walls.grid_map import GridMap
 from ...errors import InputError, MovementError
-from ...grids.cells.block_cells import chunk_measures
+from ...grids.cells.cell_loops import as_points
 from ...grids.cells.grid_quality import GridQuality
+from ...grids.cells.hexahedron import measured
 from .drawn import Drawn
 from .history import Design
 from .numbers import Lift, Thickness
@@ -294,9 +295,9 @@ class LiveModel:
         q, corners = np.empty(self.quality.n_cells), np.empty(self.quality.n_cells)
         for block in self.quality.blocks:
             for chunk in block.chunks():
-                measures = chunk_measures(chunk, nodes, {"q"})
-                q[chunk.in_grid] = measures.q
-                measures.triples.min(axis=0, out=corners[chunk.in_grid])
+                points, bits = as_points(chunk.solid(nodes, block.normal)), chunk.degenerate_corners
+                found = measured(points, bits, block.handedness).reshape(4, -1)
+                q[chunk.in_grid], corners[chunk.in_grid] = found[:2]
         return q, corners
 
     def middles(self, nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:

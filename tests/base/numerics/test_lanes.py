@@ -31,6 +31,48 @@ def test_inverse_roots_are_rounded_once():
 
 
 @njit(error_model="numpy")
+def exponentials(x, out):
+    """Take exponentials."""
+    for k in range(0, x.size, lanes.LANES):
+        n = min(lanes.LANES, x.size - k)
+        lanes.store(out, k, n, lanes.exponential(lanes.load(x, k, n)))
+
+
+def test_exponentials_are_off_by_less_than_the_last_place():
+    rng = np.random.default_rng(3)
+    x = np.concatenate([[0.0, -0.0, 700.0, -700.0], rng.uniform(-700.0, 700.0, 20000), rng.uniform(-1.0, 1.0, 20001)])
+    out = np.empty(x.size)
+    exponentials(x, out)
+    exact = np.exp(x.astype(np.longdouble))
+    assert np.abs(out / exact - 1.0).max() < np.finfo(float).eps
+    assert out[:2].tolist() == [1.0, 1.0]
+    exponentials(x[:9] * np.nan, out)
+    assert np.isnan(out[:9]).all()
+
+
+@njit(error_model="numpy")
+def limited(x, factors, out, found):
+    """Keep what is below a limit; scale."""
+    for k in range(0, x.size, lanes.LANES):
+        n = min(lanes.LANES, x.size - k)
+        numbers = lanes.within(n, lanes.load(x, k, n), np.inf)
+        lanes.store(out[0], k, n, lanes.below(0.5, numbers, numbers + 1.0))
+        lanes.store(out[1], k, n, lanes.scaled(numbers, lanes.load(factors, k, n), 7.0))
+        found[k // lanes.LANES] = lanes.any_below(0.5, numbers)
+
+
+def test_limits_look_at_every_lane_and_let_what_is_no_number_through():
+    x = np.random.default_rng(4).uniform(0.6, 1.0, 4 * lanes.LANES + 3)
+    x[lanes.LANES + 3], x[3 * lanes.LANES - 1] = 0.4, np.nan
+    factors = np.where(np.arange(x.size) % 3, 2.0, 0.0)
+    out, found = np.empty((2, x.size)), np.empty(5, dtype=bool)
+    limited(x, factors, out, found)
+    np.testing.assert_array_equal(out[0], np.where(~(x >= 0.5), x + 1.0, 0.0))
+    np.testing.assert_array_equal(out[1], np.where(factors == 0.0, 7.0, factors * x))
+    assert found.tolist() == [False, True, True, False, False]
+
+
+@njit(error_model="numpy")
 def arithmetic(a, b, bits, out):
     """Combine lanes with one another and with numbers."""
     for k in range(0, a.size, lanes.LANES):

@@ -10,7 +10,7 @@ from component_cases import movable_model, small_model, two_blocks
 
 from bspline_mdao.core.om.quality import Quality
 from bspline_mdao.errors import InputError
-from bspline_mdao.grids.cells import grid_quality
+from bspline_mdao.grids.cells import block_cells, grid_quality
 from bspline_mdao.grids.cells.aggregates import AGGREGATES, KreisselmeierSteinhauser, PNorm
 from bspline_mdao.grids.cells.cell_judge import BlocksJudge
 from bspline_mdao.grids.cells.first_cells import FirstCells
@@ -179,6 +179,47 @@ def test_products_with_the_jacobian_are_transposes_and_directional_derivatives(b
     assert np.abs(difference - exact).max() < 1e-9 * np.abs(exact).max()
 
 
+def bounds_by_numpy(grid, quality, nodes):
+    """Aggregates of the measures of all cells, with nothing left out: of real or complex nodes, without poles."""
+    parts = []
+    for block in quality.blocks:
+        x = block.nodes_of(nodes)
+        at = [x[tuple(slice(a, n - 1 + a) for a, n in zip(side, x.shape))] for side in CORNERS.astype(int)]
+        corners = np.stack(at, axis=3).reshape(-1, 8, 3)
+        triples, jacobians, volume = reference(corners, block.handedness)
+        scale = block.inverse_volume
+        parts.append((np.prod(triples, axis=1), triples.ravel(), (jacobians.T * scale).ravel(), volume * scale))
+    q, triples, jacobians, volume = (np.concatenate(column) for column in zip(*parts))
+    ks, norm = (
+        KreisselmeierSteinhauser(quality.rho),
+        lambda x: 1.0 - np.sum((1.0 - x) ** quality.p) ** (1.0 / quality.p),
+    )
+    bound = lambda x: ks.value(ks.part(x))  # noqa: E731
+    found = bound(q), norm(q), bound(triples), norm(triples), bound(jacobians), bound(volume)
+    return dict(zip(("quality_ks", "quality_pnorm", "corner_ks", "corner_pnorm", "jacobian_ks", "volume_ks"), found))
+
+
+@pytest.mark.parametrize(("rho", "p"), [(3.0, 2), (100.0, 64), (1e4, 301)])
+def test_bounds_and_their_derivatives_are_those_of_all_numbers_by_the_complex_step(rho, p):
+    """However many terms are so small that they are left out."""
+    grid, rng = (
+        grid_of(*GRIDS["unequal blocks"], *GRIDS["left-handed"], crooked((3, 12, 18), seed=9)),
+        np.random.default_rng(6),
+    )
+    quality = GridQuality.of_baseline(grid, rho=rho, p=p)
+    d_nodes = rng.standard_normal((grid.n_nodes, 3))
+    nodes = nodes_of(grid) + 0.1 * rng.standard_normal(d_nodes.shape)
+    expected = bounds_by_numpy(grid, quality, nodes + 1e-40j * d_nodes)
+    values = quality.evaluate(nodes, list(expected))
+    change = quality.jvp(nodes, d_nodes, values)
+    for name, of_all in expected.items():
+        assert values.aggregates[name] == pytest.approx(of_all.real, rel=1e-13)
+        assert change.aggregates[name] == pytest.approx(of_all.imag / 1e-40, rel=1e-11)
+        bar = quality.vjp(nodes, values, GridValues({name: 1.7}))
+        norms = np.linalg.norm(bar) * np.linalg.norm(d_nodes)
+        assert abs(np.vdot(bar, d_nodes) - 1.7 * of_all.imag / 1e-40) < 1e-13 * norms
+
+
 @pytest.mark.parametrize("name", AGGREGATES)
 def test_taylor_remainder_of_every_aggregate_is_of_second_order(name):
     grid = grid_of(*GRIDS["unequal blocks"])
@@ -192,7 +233,8 @@ def test_taylor_remainder_of_every_aggregate_is_of_second_order(name):
     assert (np.log2(remainders[:-1] / remainders[1:]) > 1.9).all()
 
 
-def test_results_do_not_depend_on_the_number_of_threads():
+def test_results_do_not_depend_on_the_number_of_threads(monkeypatch):
+    monkeypatch.setattr(block_cells, "CHUNK_CELLS", 3000)
     grid = grid_of(*GRIDS["many chunks"])
     one, two = (GridQuality.of_baseline(grid, n_threads=n) for n in (1, 2))
     assert sum(len(list(block.chunks())) for block in one.blocks) > 2
@@ -366,7 +408,7 @@ def test_cells_are_measured_for_aggregates_of_cells_alone(monkeypatch):
         quality.jvp(nodes, d_nodes, values)
         quality.vjp(nodes, values, GridValues(dict.fromkeys(names, 1.0)))
 
-    monkeypatch.setattr(grid_quality, "chunk_measures", None)
+    monkeypatch.setattr(grid_quality, "chunk_bounds", None)
     evaluate_all(["height_low_ks", "height_high_ks"])
     monkeypatch.undo()
     monkeypatch.setattr(FirstCells, "ratios", None)
