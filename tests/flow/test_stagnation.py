@@ -21,6 +21,7 @@ from bspline_mdao.flow.euler.stagnation import (
     since_stagnation,
     stagnation_cfl,
 )
+from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.io.files import read_grid
 from bspline_mdao.grids.io.patch_guess import with_guessed_patches
 from bspline_mdao.grids.topology.detection import find_topology
@@ -69,6 +70,16 @@ def test_a_run_stagnates_as_soon_as_a_step_goes_back_and_its_residual_rises():
     assert not begins_to_stagnate(NEWTON, run(1e-5, 6e-6, 4e-6, turn=-0.6))
     assert not begins_to_stagnate(NEWTON, run(1e-5, 4e-6, 6e-6, turn=-0.4))
     assert not begins_to_stagnate(NEWTON, run(2e-3, 4e-6, 6e-6, turn=-0.6))
+
+
+@pytest.mark.parametrize("level", [1e-5, 1e-3, 1e-2])
+def test_a_run_stagnates_where_two_whole_steps_in_a_row_go_back_at_any_residual(level):
+    residuals = 1.1 * level, 1.9 * level, level
+    assert begins_to_stagnate(NEWTON, run(*residuals, turn=-0.6))
+    assert not begins_to_stagnate(NEWTON, run(*residuals, turn=-0.6, length=0.5))
+    assert not begins_to_stagnate(NEWTON, run(*residuals, turn=-0.4))
+    assert not begins_to_stagnate(NEWTON, run(*residuals[:2], turn=0.3) + run(level, turn=-0.6))
+    assert not begins_to_stagnate(NEWTON, run(*residuals[:2], 0.4 * level, turn=-0.6))
 
 
 def test_a_run_stagnates_until_its_residual_is_a_tenth_of_the_lowest_before():
@@ -201,3 +212,15 @@ def test_a_flow_with_shocks_about_a_fine_grid_of_another_project_is_found(real_g
             break
     assert solutions[-1].is_converged
     assert any(step.stagnates_from for solution in solutions for step in solution.history)
+
+
+@pytest.mark.slow
+def test_a_flow_whose_residual_goes_to_and_fro_above_the_level_of_others_is_found_at_once():
+    grid = onera_m6_grid((17, 17, 13))
+    topology, nodes = find_topology(grid), grid.to_vector().reshape(-1, 3)
+    flow = FlowGrid.of(topology, nodes, "xzy", shock_threshold=0.05)
+    levels = coarse_levels(topology, nodes, useful_levels(topology), "xzy", shock_threshold=0.05)
+    stream = free_stream(0.92, np.radians(5.0), flow.axes)
+    solution = next(cold_solutions(flow, levels, nodes, flow.areas(nodes), stream))
+    assert solution.is_converged
+    assert max(step.stagnates_from for step in solution.history) > 5e-4  # its residuals were up to 1.2e-3 before
