@@ -68,8 +68,10 @@ def begins_to_stagnate(settings: NewtonSettings, history: Sequence[NewtonStep]) 
     )
     is_taken_back = all(step.course.has_turned and step.length == 1.0 for step in history[-2:])
     goes_to_and_fro = is_taken_back and residuals[-1] > 0.5 * residuals[-3]
-    return goes_back or goes_to_and_fro or (
-        is_stagnant and min(residuals[-settings.stagnation_steps :]) > min(residuals[: -settings.stagnation_steps])
+    return (
+        goes_back
+        or goes_to_and_fro
+        or (is_stagnant and min(residuals[-settings.stagnation_steps :]) > min(residuals[: -settings.stagnation_steps]))
     )
 
 
