@@ -28,8 +28,8 @@ def driver_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     dict of dict
         Keywords of ``plot`` by name.
     """
-    styles = (ORANGE, 2.4), (BLUE, 1.2), (GREEN, 1.2), (PURPLE, 1.2)
-    return {name: dict(zip(("color", "linewidth"), styles[n % len(styles)])) for n, name in enumerate(names)}
+    lines = (ORANGE, 2.4), (BLUE, 1.2), (GREEN, 1.2), (PURPLE, 1.2)
+    return {name: dict(zip(("color", "linewidth"), lines[n % len(lines)])) for n, name in enumerate(names)}
 
 
 def draw_history(

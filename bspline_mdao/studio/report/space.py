@@ -67,7 +67,7 @@ def space_traces(
             of_shape["displacement"] = _Field("Displacement (m)", ways)
     for of_shape in values:
         colors |= {key: painted.name for key, painted in of_shape.items()}
-    styles = {key: _look([v[key] for v in values if key in v]) for key in colors if key != "plain"}
+    colored = {key: _coloring([v[key] for v in values if key in v]) for key in colors if key != "plain"}
     light = np.zeros(3)
     light[[axes.downstream, axes.span, axes.up]] = FAR * np.array([-0.5, 0.4, 1.0])
     traces: list[dict[str, Any]] = []
@@ -76,7 +76,7 @@ def space_traces(
         traces.append(_mesh(points, walls, light, {"layer": "walls", "shape": number, "color": "plain"}))
         for key, painted in of_shape.items():
             mesh = _mesh(points, walls, light, {"layer": "walls", "shape": number, "color": key})
-            traces.append(mesh | _painted(painted) | styles[key])
+            traces.append(mesh | _painted(painted) | colored[key])
         traces.append(_wire("lines", number, walls.lines(shape.nodes)))
         for layer in subject.layers_of(shape, walls):
             if len(layer.lines):
@@ -138,7 +138,7 @@ def _values(shape: Shape, subject: Subject, walls: Walls) -> dict[str, _Field]:
     return found
 
 
-def _look(fields: Sequence[_Field]) -> dict[str, Any]:
+def _coloring(fields: Sequence[_Field]) -> dict[str, Any]:
     """Colours of a field of several shapes, without the outermost hundredths, with round ends."""
     low, high = np.quantile(np.concatenate([each.values for each in fields]), [0.005, 0.995]).tolist()
     is_about_zero = fields[0].is_about_zero
