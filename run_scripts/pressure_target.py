@@ -204,7 +204,7 @@ def draw(folder, design: PressureTarget, runs: dict) -> None:
             draw_sections(section, design.model, nodes, (0.5,), **style)
             pressure.plot(middles[:, 0], problem.get_val("Cp")[around], ".-", **style)
         pressure.set(xlabel="$x$ (m)", ylabel="$C_p$", ylim=pressure.get_ylim()[::-1])
-        section.legend()
+        pressure.legend()
         draw_history(mismatch, runs, "mismatch", "mean square difference relative to the start")
         draw_optimality(optimality, runs)
 
