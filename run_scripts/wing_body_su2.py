@@ -214,9 +214,7 @@ def draw_faces(axes, corners: np.ndarray, color: str) -> None:
     from matplotlib.collections import PolyCollection
 
     seen = VIEW.project(corners.reshape(-1, 3)).reshape(-1, 3, 3)
-    axes.add_collection(
-        PolyCollection(seen[np.argsort(seen[..., 2].sum(axis=1)), :, :2], fc=color, ec="black", lw=0.15)
-    )
+    axes.add_collection(PolyCollection(seen[np.argsort(seen[..., 2].sum(1)), :, :2], fc=color, ec="black", lw=0.15))
 
 
 if __name__ == "__main__":
