@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import importlib.util
 
-__all__ = ["CHAINS", "EULER", "chains"]
+__all__ = ["CHAINS", "EULER", "MESH", "STUDY", "SURFACE", "chains"]
 
 TINY = "@onera_m6:9x9x7"
 """Grid of chains that solve a flow. Where it is larger, the move factorizes by other kernels: the chain of these has
 the default size."""
+
+STUDY, SURFACE, MESH = "euler.toml", "ball.xyz", "wing.su2"
+"""Files that commands begin with; `warm_up_inputs` writes them."""
 
 EULER = """
 [grid]
@@ -43,11 +46,23 @@ max_iterations = 2
 FIT = ("fit", TINY, "-o", "m6.h5")
 
 CHAINS: dict[str, tuple[tuple[str, ...], ...]] = {
-    "flow": (FIT, ("optimize", "euler.toml", "-o", "flow")),
+    "flow": (FIT, ("optimize", STUDY, "-o", "flow")),
     "move": (
         ("fit", "@onera_m6", "-o", "m6.h5"),
         ("move", "m6.h5", "--deform", "twist=10deg", "-o", "moved.vtm"),
         ("inspect", "m6.h5"),
+    ),
+    "mesh": (
+        ("fit", MESH, "-o", "mesh.h5"),
+        ("move", "mesh.h5", "--deform", "twist=2deg", "-o", "moved.su2"),
+        FIT,
+        ("ride", "m6.h5", MESH, "--deform", "twist=2deg", "-o", "ridden.su2"),
+    ),
+    "designs": (
+        FIT,
+        ("sample", STUDY, "-n", "2", "-o", "designs"),
+        ("improve", "m6.h5", "-o", "better.xyz", "--iterations", "2"),
+        ("extrude", SURFACE, "-o", "ball.cgns", "--first-cell", "0.01", "--layers", "8", "--outer", "3"),
     ),
     "airfoil": (
         ("airfoil", "naca0012", "-o", "foil.h5", "--around", "32", "--away", "16"),

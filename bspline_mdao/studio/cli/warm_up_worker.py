@@ -16,7 +16,8 @@ from typing import TextIO
 
 from ...base.shared_compilation import shared_compilation
 from .main import run
-from .warm_up_chains import CHAINS, EULER
+from .warm_up_chains import CHAINS
+from .warm_up_inputs import INPUTS
 
 
 def run_chain(
@@ -32,8 +33,10 @@ def run_chain(
         if is_compiled:
             print("compiles", Path(index).stem, file=lines, flush=True)
 
-    Path("euler.toml").write_text(EULER, encoding="utf-8")
     with shared_compilation(locks, noted):
+        for name, write in INPUTS.items():
+            if any(name in command for command in commands):
+                write(name)
         for command in commands:
             status = run(command)
             if status:

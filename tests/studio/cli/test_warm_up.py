@@ -8,12 +8,17 @@ import sys
 from pathlib import Path
 
 import pytest
+from riding_cases import mesh, su2_text
 
+from bspline_mdao import Grid, write_grid
 from bspline_mdao.base.kernel_cache import kernel_folder
 from bspline_mdao.base.shared_compilation import HAS_LOCKS
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import brick_grid
+from bspline_mdao.grids import Block
 from bspline_mdao.studio.cli import warm_up, warm_up_worker
 from bspline_mdao.studio.cli.main import run
+from bspline_mdao.studio.cli.warm_up_chains import EULER
 
 KERNELS = """
 from numba import njit
@@ -55,6 +60,16 @@ USUAL = (
     ("quality", "moved.xyz", "--baseline", "m6.h5"),
 )
 
+RARER = (
+    ("fit", "mesh.su2", "-o", "mesh.h5"),
+    ("move", "mesh.h5", "--deform", "twist=3deg", "-o", "moved.su2"),
+    ("fit", "@onera_m6:9x11x9", "-o", "m6.h5"),
+    ("ride", "m6.h5", "mesh.su2", "--deform", "bend=4deg@0.5", "-o", "ridden.su2"),
+    ("sample", "wing.toml", "-n", "3", "-o", "designs"),
+    ("improve", "m6.h5", "-o", "better.xyz", "--iterations", "3"),
+    ("extrude", "octant.xyz", "-o", "octant.cgns", "--first-cell", "0.05", "--layers", "7", "--outer", "4"),
+)
+
 
 def needed_by(folder, commands, *script):
     """Kernels and signatures that commands or a script need, in a process that has loaded none."""
@@ -79,6 +94,18 @@ def test_commands_and_the_program_of_the_page_on_python_need_nothing_that_is_not
     (example / "example.py").write_text(bench["example"]())
     needed = needed_by(example, (), "example.py")
     assert len(needed) > 100
+    assert needed - warmed == set()
+
+
+@pytest.mark.slow
+def test_meshes_without_structure_and_designs_need_nothing_that_is_not_warmed_up(tmp_path):
+    warmed = warm_up.compile_kernels(["mesh", "designs"], None, lambda fraction, what: None).needed
+    (tmp_path / "mesh.su2").write_text(su2_text(mesh()))
+    (tmp_path / "wing.toml").write_text(EULER)
+    sides = (Block(b.nodes[:, :, :1].copy(), b.name) for b in brick_grid((5, 6, 4, 3), octant=True).blocks)
+    write_grid(tmp_path / "octant.xyz", Grid(tuple(sides)))
+    needed = needed_by(tmp_path, RARER)
+    assert len(needed) > 50
     assert needed - warmed == set()
 
 
