@@ -121,11 +121,14 @@ def flattest_at_node(nodes):
 @njit(cache=True)
 def cell_width(nodes, i, j, k, across):
     """Width of the cells at a node, infinite where none has one; ``across`` is that of `find_worst`."""
-    a = np.inf if across == 0 else _shortest_edge(nodes, i, j, k, 0)
-    b = np.inf if across == 1 else _shortest_edge(nodes, i, j, k, 1)
-    c = np.inf if across == 2 else _shortest_edge(nodes, i, j, k, 2)
-    middle = max(min(a, b), min(max(a, b), c))
-    return min(a, b, c) if across >= 0 or middle == np.inf else middle
+    smallest = middle = np.inf
+    for d in range(3):
+        edge = np.inf if d == across else _shortest_edge(nodes, i, j, k, d)
+        if edge < smallest:
+            smallest, middle = edge, smallest
+        elif edge < middle:
+            middle = edge
+    return smallest if across >= 0 or middle == np.inf else middle
 
 
 @njit(cache=True)
