@@ -49,7 +49,8 @@ def _reach_at(reach, triangles, t, u, v, w):
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _within_reach(x, y, z, points, triangles, reach, boxes, far, leaf_starts, stack):
     """Any triangle that a point is within the reach of; -1 where there is none."""
-    if _box_square(boxes, 1, x, y, z) >= far[1] * far[1]:
+    whole = np.int64(1)  # the box of all; numba would compile for the literal number once more
+    if _box_square(boxes, whole, x, y, z) >= far[whole] * far[whole]:
         return -1  # as for most nodes of a mesh
     n_leaves = len(leaf_starts) - 1
     stack[0], n_left = 1, 1
@@ -144,10 +145,10 @@ def _collect(
                 n_left += 1
             continue
         for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
-            height, cosine = _above(planes, t, 0, x, y, z), cosines[t]
+            height, cosine, aside = _above(planes, t, 0, x, y, z), cosines[t], 0.0
             if cosine > 0.0:  # most are left out before their closest point is known
-                aside = max(_above(planes, t, 1, x, y, z), _above(planes, t, 2, x, y, z))
-                aside = max(aside, max(_above(planes, t, 3, x, y, z), 0.0))
+                for side in range(1, 4):
+                    aside = max(aside, _above(planes, t, side, x, y, z))
                 least = height * height + aside * aside
                 if least > apart * apart and (
                     least > bound or height < 0.0 or height * height < cosine * cosine * least
@@ -199,7 +200,7 @@ def find_closest(
     closest, away = np.empty(MAX_CLOSEST, dtype=np.int64), np.empty((MAX_CLOSEST, 3))
     weights, fades, sizes = np.empty(MAX_CLOSEST), np.empty(MAX_CLOSEST), np.empty(MAX_CLOSEST)
     stack, left = np.empty(64, dtype=np.int64), np.empty(64)
-    start, round_off = -1, 1e-13 * size
+    start, round_off = np.int64(-1), 1e-13 * size
     for i in range(len(part)):
         x, y, z = part[i, 0], part[i, 1], part[i, 2]
         # first any that it is within the reach of, as that nearest to the point before, then all that may have a weight
@@ -323,7 +324,7 @@ def _choose(
                 order[later] = order[later - 1]
             order[0] = k
             break
-    n_closest = 0
+    n_closest = np.int64(0)
     for rank in range(n):
         k = order[rank]
         if n_closest == MAX_CLOSEST:

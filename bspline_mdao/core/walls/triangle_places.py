@@ -83,7 +83,7 @@ def is_minimum(x, y, z, t, distance, u, v, w, points, triangles, planes, around_
         return verdict > 0
     first = _first_corner(triangles, t, u, v, w)
     for at in range(around_starts[first], around_starts[first + 1]):
-        neighbour = around[at]
+        neighbour = np.int64(around[at])
         if not _has_place(triangles, neighbour, t, u, v, w):
             continue
         if np.sqrt(closest_place(points, triangles, neighbour, x, y, z)[0]) < near:
@@ -103,7 +103,7 @@ def _by_lines(x, y, z, t, near, u, v, w, points, triangles, around_starts, aroun
     fz = u * points[i, 2] + v * points[j, 2] + w * points[k, 2]
     square, first, is_clear = px * px + py * py + pz * pz, _first_corner(triangles, t, u, v, w), True
     for at in range(around_starts[first], around_starts[first + 1]):
-        neighbour = around[at]
+        neighbour = np.int64(around[at])
         if not _has_place(triangles, neighbour, t, u, v, w):
             continue
         for corner in range(3):
