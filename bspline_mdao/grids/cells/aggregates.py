@@ -85,7 +85,7 @@ class KreisselmeierSteinhauser(OneLine):
 
 
 @dataclass(frozen=True)
-class PNorm:
+class PNorm(OneLine):
     """``1 - |1 - x|_p`` of numbers that are at most 1: between ``1 - n^(1/p) (1 - m)`` and m, the smallest x."""
 
     p: int  # power, at least 2
