@@ -122,7 +122,9 @@ def history_charts(history: CaseHistory) -> list[Chart]:
     residuals, violations = convergence.residuals, convergence.violations
     least = FEASIBLE if not residuals.size else min(FEASIBLE, residuals.min(where=residuals > 0.0, initial=np.inf))
     visible = np.where(violations < least, np.nan, violations)  # no empty decades below
-    data = [_line("largest violation", np.arange(len(visible)), visible, {"color": ORANGE, "width": 1.6, "dash": "dot"})]
+    data = [
+        _line("largest violation", np.arange(len(visible)), visible, {"color": ORANGE, "width": 1.6, "dash": "dot"})
+    ]
     text = f"Largest violation of a constraint at the best evaluation: {convergence.violations[history.best]:.2g}."
     if residuals.size:
         above, style = np.where(residuals > 0.0, residuals, np.nan), {"color": BLUE, "width": 1.8}
