@@ -106,7 +106,7 @@ class _InSections(AtStations):
         return attached.section_axes
 
     @abstractmethod
-    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
+    def _matrices(self, amounts: np.ndarray, /) -> np.ndarray:
         """Matrices, shape (n, 2, 2), of the values at sections, shape (n,), times the unit."""
 
 
@@ -142,8 +142,7 @@ class Twist(_InSections):
     units = "deg"
     unit = np.radians(1.0)
 
-    def _matrices(self, amounts: np.ndarray) -> np.ndarray:
-        return rotation(amounts)
+    _matrices = staticmethod(rotation)
 
 
 @dataclass(frozen=True, eq=False)
