@@ -24,7 +24,8 @@ from scipy.interpolate import CubicSpline
 
 from ...base.display import OneLine
 from ...errors import InputError
-from .wing import Section, cambered_section, tip_clustered, tip_rounding
+from .tips import tip_clustered, tip_rounding
+from .wing import Section, cambered_section
 
 _STATIONS = 160
 """Places along the spine at which the surface is sampled before nodes are laid on it."""

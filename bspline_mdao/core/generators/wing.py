@@ -17,6 +17,7 @@ from ...base.display import OneLine
 from ...errors import InputError
 from .kinked_planform import KinkedPlanform
 from .stretching import stretch_lines
+from .tips import tip_clustered, tip_rounding
 
 _SAMPLES = 1000
 """Points at which the speed along a section is sampled; arc lengths are then good to 1e-9 chords."""
@@ -498,17 +499,3 @@ def _divide(line: np.ndarray, n: int, first: float, last: float) -> np.ndarray:
     """Divide a sampled line (m, 3) by arc length."""
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     return CubicSpline(arc, line)(arc[-1] * stretch_lines(arc[-1:], n, first, last)[0])
-
-
-def tip_rounding(distance: np.ndarray, length: float) -> np.ndarray:
-    """Factor on the thickness at distances (m) from a tip that is rounded over a length (m) of span."""
-    # It is ``sqrt(1 - s^3)``, s from 0 to 1 over that length: blunt, without a jump in curvature. 1 without a length.
-    if length == 0.0:
-        return np.ones_like(distance)
-    s = np.clip(1.0 - distance / length, 0.0, 1.0)
-    return np.sqrt((1.0 - s) * (1.0 + s + s * s))
-
-
-def tip_clustered(n: int) -> np.ndarray:
-    """Distribute n points over [0, 1], the closer the nearer to 1."""
-    return 1.0 - np.linspace(1.0, 0.0, n) ** 4

@@ -28,16 +28,14 @@ import numpy as np
 from numba import njit
 from scipy.sparse import coo_array, csr_array, eye_array
 
-from ...base.numerics.mean_planes import mean_planes, near_enough
 from ...base.numerics.threads import run_tasks, thread_count
 from ...errors import InputError
 from ...grids.topology.block_layout import BlockLayout
-from ...grids.topology.boundary_surface import quads_in_turn
-from ...grids.topology.node_numbering import NodeNumbering, each_once, face_rows
-from ...grids.topology.periodic_ties import Ties, control_ties, tied_sides
-from ...grids.topology.sharing import boundary_sides
+from ...grids.topology.node_numbering import NodeNumbering, each_once
+from ...grids.topology.periodic_ties import Ties, control_ties
 from ..evaluation.evaluator import Evaluator
 from ..splines.mesh import BSplineMesh
+from .boundary_faces import BoundaryFace, boundary_faces
 from .node_vectors import FaceNodes, SpanNodes, Vectors, transposed
 from .planes import PlaneNormal
 from .residual_lengths import corner_numbers
@@ -45,10 +43,6 @@ from .rotation_filter import RotationFilter
 from .rotations import LocalRotations, Rotations
 
 __all__ = ["RotationMap", "RotationState"]
-
-PLANAR = 1e-5
-"""A face is planar where its corners leave the plane by less than this part of its size: single precision of files."""
-
 
 ROTATION_INPUTS = ("control_points", "control_points_initial")
 """What the rotations depend on."""
@@ -62,7 +56,7 @@ class RotationMap:
     points: np.ndarray  # (n_corners, 3), the corners on the baseline (m)
     groups: tuple[CornerGroup, ...]  # corners that see each other
     planes: tuple[PlaneNormal, ...]  # planes of boundary faces
-    faces: tuple[_BoundaryFace, ...]  # the boundary faces in them
+    faces: tuple[BoundaryFace, ...]  # the boundary faces in them
     plane_of_corner: np.ndarray  # (n_corners,) of int, the plane that a corner sees alone; -1 for none
     cells: tuple[SpanNodes, ...]  # the nodes of every volume
     evaluator: Evaluator  # of the nodes; it gives the pieces of work and the number of threads
@@ -90,7 +84,7 @@ class RotationMap:
                 f"grid: lengths of the residual of shape {lengths.shape}, and its spans have {len(points)} corners; "
                 f"fit the grid again"
             )
-        faces = _boundary_faces(numbering, ids, points)
+        faces = boundary_faces(numbering, ids, points)
         groups, plane = _groups(faces, ids, points, lengths, control_ties(numbering.topology, ids))
         planes = [face for face in faces if face.plane is not None]
         quads = [
@@ -371,54 +365,10 @@ def _corner_evaluator(
     return Evaluator.build(mesh, parameters, rows, len(numbers), n_threads=n_threads)
 
 
-@dataclass(frozen=True, eq=False)
-class _BoundaryFace:
-    """A boundary face of a segment: quads of corners, and nodes that are held; which corners see it, and its plane."""
-
-    quads: np.ndarray
-    rows: np.ndarray
-    rank: int
-    plane: int | None
-
-
-def _boundary_faces(numbering: NodeNumbering, ids: Sequence[np.ndarray], points: np.ndarray) -> list[_BoundaryFace]:
-    """Gather the boundary faces; those of one plane have quads whose areas point to one side."""
-    numbers: dict[tuple, int] = {}
-    topology, faces = numbering.topology, []
-    size = np.linalg.norm(np.ptp(points, axis=0))
-    tied = tied_sides(topology)  # nodes of these are as those within
-    sides = [
-        (face, number, side, np.take(ids[number], -(side % 2), axis=side // 2))
-        for face, number, side in boundary_sides(topology)
-        if (number, side) not in tied
-    ]
-    parts = [points[corners.ravel()] for face, _, _, corners in sides if face.kind == "symmetry"]
-    near, mirrors = near_enough(parts), iter(mean_planes(parts))  # of symmetry, which may be rough
-    for face, number, side, corners in sides:
-        rows = numbering.numbers_of(face_rows(topology, topology.segments[number].face(side)).ravel())
-        quads, plane = quads_in_turn(corners), None
-        normal, area = PlaneNormal.of_quads(quads).normal_and_area(points)
-        offsets = points[corners.ravel()] @ normal
-        offset, is_planar = offsets.mean(), np.ptp(offsets) <= PLANAR * np.sqrt(area)
-        if face.kind == "symmetry":
-            mirror = next(mirrors)
-            sign = 1.0 if mirror.normal @ normal > 0.0 else -1.0
-            normal, offset, is_planar = sign * mirror.normal, sign * mirror.offset, mirror.roughness <= near
-        if face.kind != "wall" and area > 0.0 and is_planar:
-            sign = np.sign(normal[np.argmax(np.abs(normal))])
-            key = tuple(np.round([*(sign * normal), sign * offset / size], 5))
-            plane, quads = numbers.setdefault(key, len(numbers)), quads if sign > 0.0 else quads[:, ::-1]
-        rank = {"wall": 0, "symmetry": 2}.get(face.kind or "", 1)
-        faces.append(_BoundaryFace(quads, rows[rows >= 0], rank, plane))
-    on_wall = np.unique(np.concatenate([np.zeros(0, int), *(face.quads.ravel() for face in faces if face.rank == 0)]))
-    sliding = {face.plane for face in faces if np.isin(face.quads, on_wall).any()} - {None}
-    return [replace(face, rank=2) if face.plane in sliding else face for face in faces]
-
-
 def _face_nodes(
     rows: np.ndarray,
     cells: Sequence[SpanNodes],
-    faces: Sequence[_BoundaryFace],
+    faces: Sequence[BoundaryFace],
     plane_of_corner: np.ndarray,
     n_rows: int,
 ) -> FaceNodes:
@@ -447,7 +397,7 @@ def _face_nodes(
 
 
 def _groups(
-    faces: list[_BoundaryFace], ids: Sequence[np.ndarray], points: np.ndarray, lengths: np.ndarray, ties: Ties | None
+    faces: list[BoundaryFace], ids: Sequence[np.ndarray], points: np.ndarray, lengths: np.ndarray, ties: Ties | None
 ) -> tuple[tuple[CornerGroup, ...], np.ndarray]:
     """Corners on walls, on other boundary faces, in planes that slide, and all; and the plane that each sees alone."""
     pairs = [
