@@ -10,7 +10,7 @@ Work reports its progress to a `progress_bar`, and knows nothing of who shows it
 A bar is drawn by rich on standard error, where that is a terminal, in the first process; it comes when the work has
 taken a moment, and leaves nothing behind. While numba compiles, which it does once on a machine, it says so. Work
 inside other work moves the bar of that one: there is never more than one. Elsewhere (a file, a notebook, a test,
-continuous integration) nothing is drawn and nothing is imported.
+continuous integration) nothing is drawn; a program may have one line say that numba compiles.
 """
 
 from __future__ import annotations
@@ -20,18 +20,29 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
 from .processes import world
 
-__all__ = ["COMPILING", "SWITCH", "Progress", "is_terminal", "no_progress", "progress_bar", "show_progress", "within"]
+__all__ = [
+    "COMPILING",
+    "SWITCH",
+    "Progress",
+    "is_terminal",
+    "no_progress",
+    "progress_bar",
+    "say_compilation",
+    "show_progress",
+    "within",
+]
 
 Progress = Callable[[float, str], None]
 """What is told the fraction done, from 0 to 1, or less than 0 where it is not known, and what is being done."""
 
 SWITCH = "BSPLINE_MDAO_PROGRESS"
-"""Environment variable that turns bars off (``0``) or on wherever there is a terminal (``1``, also where ``CI`` is)."""
+"""Environment variable that turns bars and lines off (``0``), or bars on wherever there is a terminal (``1``, also
+where ``CI`` is)."""
 
 COMPILING = "compiling, once"
 """Shown while numba compiles kernels, which it does when they are first needed on a machine."""
@@ -41,6 +52,9 @@ DELAY = 0.7
 
 _active: list[_Bar] = []
 """The bar that is there, if there is one."""
+
+_say: list[Callable[[str], None]] = []
+"""Who prints one line when numba compiles where no bar is, until that has happened."""
 
 
 def show_progress(wanted: bool = True) -> None:
@@ -82,12 +96,13 @@ def progress_bar(
     elif _active:
         yield _active[-1].inner(title)
     elif not is_terminal():
-        yield no_progress
+        with _noticed_compilation(_say_once) if _say else nullcontext():
+            yield no_progress
     else:
         bar = _Bar(title)
         _active.append(bar)
         try:
-            with _noticed_compilation(bar):
+            with _noticed_compilation(bar.compiling):
                 yield bar.move
         finally:
             _active.remove(bar)
@@ -114,6 +129,17 @@ def is_terminal() -> bool:
     if wanted == "0" or not getattr(sys.stderr, "isatty", lambda: False)():
         return False
     return (wanted == "1" or not os.environ.get("CI")) and world().rank == 0
+
+
+def say_compilation(say: Callable[[str], None] | None) -> None:
+    """Have one line say that numba compiles, where no bar can; none for ``None``."""
+    _say[:] = [] if say is None else [say]
+
+
+def _say_once(change: int) -> None:
+    """Print that numba compiles."""
+    if _say:
+        _say.pop()(COMPILING)
 
 
 def no_progress(fraction: float, what: str) -> None:
@@ -183,17 +209,8 @@ class _Bar:
         self.display.start()
 
 
-@contextmanager
-def _noticed_compilation(bar: _Bar) -> Iterator[None]:
-    """Show on a bar that numba compiles; kernels that come from the cache are not compiled."""
-    from numba.core import event  # takes a while to import: the help of commands does without
+def _noticed_compilation(notice: Callable[[int], None]) -> AbstractContextManager[None]:
+    """Tell of compilation meanwhile; numba is imported only now: the help of commands does without."""
+    from .stopwatch import compilation_noticed
 
-    class Listener(event.Listener):
-        def on_start(self, kernel: Any) -> None:
-            bar.compiling(1)
-
-        def on_end(self, kernel: Any) -> None:
-            bar.compiling(-1)
-
-    with event.install_listener("numba:compile", Listener()):
-        yield
+    return compilation_noticed(notice)

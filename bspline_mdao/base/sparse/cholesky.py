@@ -8,7 +8,6 @@ Theory: ``docs/theory/sparse.rst``.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import zip_longest
@@ -20,6 +19,7 @@ from numpy.typing import DTypeLike
 
 from ...errors import InputError, MovementError
 from ..display import OneLine
+from ..numerics.stopwatch import working_seconds
 from ..numerics.threads import Crew, one_blas_thread, thread_count
 from . import multifrontal
 from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, graph_of, residual_norm
@@ -271,12 +271,12 @@ class CholeskyFactor:
         matrix: BlockMatrix | None = None,
     ) -> LinearSolution:
         """Solve for a right-hand side. `cancellation` tells how many digits the solution has; refine it for more."""
-        start = time.perf_counter()
+        start = working_seconds()
         right = check_right(right, self.matrix.n)
         if self.panels.dtype != np.float64 or (matrix is not None and matrix is not self.matrix):
             return preconditioned_solve(self.matrix if matrix is None else matrix, self, right)
         x = self._substitute(right)  # in double precision nothing is scaled
-        return LinearSolution(x, 0, residual_norm(self.matrix, x, right), time.perf_counter() - start)
+        return LinearSolution(x, 0, residual_norm(self.matrix, x, right), working_seconds() - start)
 
 
 @njit(cache=True)

@@ -5,7 +5,6 @@ Theory: ``docs/theory/sparse_iterative.rst``.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -15,6 +14,7 @@ from numba import njit
 from ...errors import MovementError
 from ..display import OneLine
 from ..numerics.processes import summed_number
+from ..numerics.stopwatch import working_seconds
 from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, graph_of
 from .incomplete import IncompleteFactor, IncompletePattern, incomplete_factor, incomplete_pattern, narrow_order
 
@@ -179,7 +179,7 @@ def preconditioned_solve(
     # `MovementError` if the residual is not reached, by how much, or if matrix or factor is not positive definite or
     # not finite
     # returns with the true residual, and the largest number of iterations where there are several right-hand sides
-    clock = time.perf_counter()
+    clock = working_seconds()
     right = check_right(right, matrix.n)
     start = np.zeros_like(right) if start is None else check_right(start, matrix.n)
     sides = [...] if right.ndim == 2 else [(..., side) for side in range(right.shape[2])]
@@ -188,7 +188,7 @@ def preconditioned_solve(
         x[side], n, residual = _solve_one(matrix, factor, right[side], tolerance, start[side], max_iterations)
         found.append((n, residual))
     iterations, residuals = zip(*found)
-    return LinearSolution(x, max(iterations), max(residuals), time.perf_counter() - clock)
+    return LinearSolution(x, max(iterations), max(residuals), working_seconds() - clock)
 
 
 def _solve_one(

@@ -9,7 +9,6 @@ Theory: ``docs/theory/sparse_parallel.rst``.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
@@ -22,6 +21,7 @@ from ...errors import InputError, MovementError
 from ..display import OneLine
 from ..extras import library
 from ..numerics.processes import together
+from ..numerics.stopwatch import working_seconds
 from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, relative_residual
 from .conjugate_gradient import System, preconditioned_solve
 from .distributed import DistributedMatrix, DistributedPattern, FullRows
@@ -146,10 +146,10 @@ class _Factor:
 
     def _iterated(self, right: np.ndarray, matrix: BlockMatrix, **settings: Any) -> LinearSolution:
         """Solve for a right-hand side of all rows by conjugate gradients: the whole solution, on every process."""
-        began, distributed = time.perf_counter(), self.distributed
+        began, distributed = working_seconds(), self.distributed
         right = check_right(right, int(distributed.starts[-1]))
         found = preconditioned_solve(self._system(matrix), self, right[distributed.owned], **settings)
-        seconds = time.perf_counter() - began
+        seconds = working_seconds() - began
         return LinearSolution(distributed.gathered(found.x), found.iterations, found.residual, seconds)
 
     def _system(self, matrix: BlockMatrix) -> System:
@@ -275,7 +275,7 @@ class PetscCholeskyFactor(_Factor):
         # same and gets the whole solution.
         if matrix is not None and matrix is not self.matrix:
             return self._iterated(right, matrix)
-        began, distributed = time.perf_counter(), self.distributed
+        began, distributed = working_seconds(), self.distributed
         right = check_right(right, int(distributed.starts[-1]))
         sides = right.reshape(len(right), 3, -1)
         x = np.stack(
@@ -284,7 +284,7 @@ class PetscCholeskyFactor(_Factor):
         x = x.reshape(right.shape)
         rest = right[distributed.owned] - self._product(x)
         residual = distributed.gathered(rest)
-        return LinearSolution(x, 0, relative_residual(residual, right), time.perf_counter() - began)
+        return LinearSolution(x, 0, relative_residual(residual, right), working_seconds() - began)
 
     def _product(self, x: np.ndarray) -> np.ndarray:
         """Own rows of the product of the matrix with all rows of x, without a message."""

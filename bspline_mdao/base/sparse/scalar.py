@@ -9,7 +9,6 @@ Software 31, 2005, pp. 302-325.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 
 from ...errors import MovementError
+from ..numerics.stopwatch import working_seconds
 from .blocks import LinearSolution, relative_residual
 
 __all__ = ["ScalarCholesky", "ScalarFactor"]
@@ -77,10 +77,10 @@ class ScalarFactor:
 
     def solve(self, right: np.ndarray) -> LinearSolution:
         """Solve for a right-hand side, shape (n,), or for several, shape (n, m)."""
-        start = time.perf_counter()
+        start = working_seconds()
         x = self._solved(right)
         rest = (right - self.matrix @ x)[:, None]
-        return LinearSolution(x, 0, relative_residual(rest, right[:, None]), time.perf_counter() - start)
+        return LinearSolution(x, 0, relative_residual(rest, right[:, None]), working_seconds() - start)
 
 
 def _factored(matrix: csc_array) -> SuperLU:

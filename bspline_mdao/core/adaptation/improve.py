@@ -5,9 +5,9 @@ Theory: ``docs/theory/adaptation.rst``.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 
+from ...base.numerics.stopwatch import working_seconds
 from ...errors import InputError
 from ..design.interior_points import InteriorPoints
 from ..model.fitted_model import FittedModel
@@ -75,10 +75,10 @@ def improve_grid(
         raise InputError(f"improve: height_tolerance is {height_tolerance}; give a number between 0 and 1")
     if iterations < 1:
         raise InputError(f"improve: iterations is {iterations}; give 1 or more")
-    started = time.perf_counter()
+    started = working_seconds()
     search = Search(model, InteriorPoints("interior", reach=reach, sliding=sliding).bind(model), height_tolerance)
     for number, sharpness in enumerate(SHARPNESS):
         if progress is not None:
             progress(number / len(SHARPNESS), f"round {number + 1} of {len(SHARPNESS)}")
         search.run_round(sharpness, iterations)
-    return search.result(time.perf_counter() - started)
+    return search.result(working_seconds() - started)

@@ -25,7 +25,6 @@ Theory: ``docs/theory/background_lattice.rst``.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -34,6 +33,7 @@ from scipy.sparse import csr_array, diags_array, kron
 
 from ...base.display import OneLine
 from ...base.numerics.rotation_group import turns, turns_jvp, turns_vjp
+from ...base.numerics.stopwatch import working_seconds
 from ...base.sparse.scalar_blocks import ScalarBlocksFactor, factorize_scalars
 from ..mesh.moving_mesh import MovingMesh
 from ..movement.mover import (
@@ -102,7 +102,7 @@ class ThinPlate(OneLine):
 
     def move(self, initial: np.ndarray, surface: np.ndarray) -> ThinPlateMovement:
         """Move points, shape (n_points, 3), behind surface points, shape (n_surface, 3), both in metres."""
-        start = time.perf_counter()
+        start = working_seconds()
         check_request(self.mesh, initial, surface)
         points, ids = initial.copy(), self.mesh.surface_ids
         followed = self.follow(initial[ids], surface)
@@ -110,11 +110,11 @@ class ThinPlate(OneLine):
         points[ids] = surface
         check_reach(self.mesh, initial, surface, points)
         tangling = self.mesh.tangled(points)
-        solve = SolveReport("Cholesky", 0, 0.0, time.perf_counter() - start, self._digits)
+        solve = SolveReport("Cholesky", 0, 0.0, working_seconds() - start, self._digits)
         increment = IncrementReport(
             solve, tangling.n_tangled, tangling.place, tangling.min_corner, tangling.corner_ratio, tangling.n_invalid
         )
-        report = MovementReport((increment,), time.perf_counter() - start, self.mesh.n_invalid)
+        report = MovementReport((increment,), working_seconds() - start, self.mesh.n_invalid)
         return ThinPlateMovement(followed, points, report)
 
     def follow(self, at_rest: np.ndarray, surface: np.ndarray) -> LatticeDisplacement:

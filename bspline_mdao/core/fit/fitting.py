@@ -5,7 +5,6 @@ Theory: ``docs/theory/fit.rst``.
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ import numpy as np
 
 from ...base.numerics.processes import ONE, together
 from ...base.numerics.progress import Progress, no_progress, progress_bar
+from ...base.numerics.stopwatch import working_seconds
 from ...errors import FitWarning, InputError
 from ...grids.topology.detection import find_topology
 from ...grids.topology.grid import Block, Grid
@@ -248,7 +248,7 @@ def _fit(
     settings: FittingSettings = FITTING,
 ) -> tuple[FitNodes, list[np.ndarray], np.ndarray, dict[str, Any]]:
     """Fit a grid: the nodes of this process, their parameters and residual, and the rest of the model."""
-    start = time.perf_counter()
+    start = working_seconds()
     _check_options(corrections, method)
     if comm.size > 1 and (corrections or not isinstance(parametrization, str)):
         what = "parameter correction" if corrections else "parameters of your own"
@@ -288,7 +288,7 @@ def _fit(
         parameters, solution = correct_parameters(*arguments)
     solution = with_sides_alike(problem, parameters, solution)
     report = report_errors(problem, names, parameters, nodes, solution)
-    said, seconds = (*topology.warnings, *sized.warnings, *report.warnings), time.perf_counter() - start
+    said, seconds = (*topology.warnings, *sized.warnings, *report.warnings), working_seconds() - start
     report = replace(report, seconds=seconds, warnings=said, factor_bytes=sized.factor_bytes, raised=raised)
     progress(1.0, "done")
     whole = {

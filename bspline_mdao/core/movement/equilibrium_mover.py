@@ -7,7 +7,6 @@ Theory: ``docs/theory/elasticity.rst``.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Protocol
@@ -15,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...base.display import OneLine
+from ...base.numerics.stopwatch import working_seconds
 from ...base.sparse.solved_together import solved
 from ...errors import MovementError
 from .equilibrium import REFINE_ABOVE, REFINE_PRODUCTS_ABOVE, Balanced, Equilibrium, in_two
@@ -81,7 +81,7 @@ class EquilibriumMover(IncrementalMover):
         self, start: Start, initial: np.ndarray, before: np.ndarray, surface: np.ndarray
     ) -> EquilibriumStep:
         """Make one increment, see `bspline_mdao.core.movement.increments.in_increments`."""
-        began, is_first = time.perf_counter(), np.array_equal(before, initial)
+        began, is_first = working_seconds(), np.array_equal(before, initial)
         equilibrium, elements = self._equilibrium, self._elements(initial, before)
         if is_first:
             factor = start.factor = start.factor or equilibrium.factorized(elements)
@@ -95,7 +95,7 @@ class EquilibriumMover(IncrementalMover):
             raise MovementError("movement: the displacements are not finite; take a smaller step or more increments")
         points = before + balance.parts[0]
         points[surface_ids] = surface
-        seconds = time.perf_counter() - began
+        seconds = working_seconds() - began
         report = SolveReport(self.solver.name, balance.n_steps, balance.residual, seconds, digits_of(balance.error))
         kept = factor if is_first or self.keep_factors else None
         return EquilibriumStep(equilibrium, elements, balance.parts, points, report, kept)

@@ -11,7 +11,6 @@ Another number of increments is another function of the surface: it is a setting
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from numbers import Integral
@@ -22,6 +21,7 @@ import numpy as np
 from ...base.checks import as_array
 from ...base.display import OneLine
 from ...base.numerics.progress import progress_bar
+from ...base.numerics.stopwatch import working_seconds
 from ...errors import InputError, MovementError
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.sliding_points import SlidPoints
@@ -143,7 +143,7 @@ def in_increments(
     require_number(n_increments)
     initial, surface = as_array(initial, "movement: points"), as_array(surface, "movement: surface points")
     check_request(mesh, initial, surface)
-    began, steps, reports = time.perf_counter(), [], []
+    began, steps, reports = working_seconds(), [], []
     before, surface_before, slid = initial, initial[mesh.surface_ids], None
     surface = met_alike(mesh, surface_before, surface)
     with progress_bar("moving the control mesh") as report_progress:
@@ -160,7 +160,7 @@ def in_increments(
                 before = before if slid is None else slid.points
             tangling = mesh.tangled(before)
             reports.append(IncrementReport(solve=steps[-1].report, **vars(tangling)))
-    report = MovementReport(tuple(reports), time.perf_counter() - began, n_invalid=mesh.n_invalid)
+    report = MovementReport(tuple(reports), working_seconds() - began, n_invalid=mesh.n_invalid)
     return IncrementalMovement(mesh, tuple(steps), report, slid=slid)
 
 

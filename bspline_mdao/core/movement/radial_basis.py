@@ -7,7 +7,6 @@ become a matrix of all targets and centres.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +15,7 @@ from numba import njit
 from scipy import linalg
 from scipy.linalg.lapack import dormqr
 
+from ...base.numerics.stopwatch import working_seconds
 from ...base.numerics.threads import one_blas_thread
 from ...base.numerics.vectors import add, add_to, dot, less, row, scaled
 from ...errors import InputError, MovementError
@@ -149,7 +149,7 @@ def radial_interpolation(
     displacement: np.ndarray,  # (n_centres, 3), displacements of the centres (m)
 ) -> RadialInterpolation:
     """Interpolate displacements by radial functions."""
-    start = time.perf_counter()
+    start = working_seconds()
     function = ((*COMPACT, *GLOBAL).index(kernel), radius)
     right = np.concatenate([displacement, np.zeros((4 if has_linear else 0, 3))])
     terms = np.column_stack([np.ones(len(centres)), centres])[:, : len(right) - len(centres)]
@@ -161,7 +161,7 @@ def radial_interpolation(
     if not residual < LARGEST_RESIDUAL:
         raise MovementError(_singular(kernel, f"leaves a residual of {residual:.2g}"))
     values = radial_sums(*function, targets, centres, strengths) + _polynomials(targets, coefficients)
-    report = SolveReport("dense Cholesky", 0, residual, time.perf_counter() - start, digits_of(residual))
+    report = SolveReport("dense Cholesky", 0, residual, working_seconds() - start, digits_of(residual))
     return RadialInterpolation(function, targets, centres, strengths, coefficients, system, values, report)
 
 

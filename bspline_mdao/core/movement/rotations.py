@@ -19,7 +19,6 @@ Theory: ``docs/theory/rotations.rst``.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -31,6 +30,7 @@ import numpy as np
 from ...base.checks import as_array
 from ...base.display import OneLine
 from ...base.numerics.rotation_group import turns, turns_jvp, turns_vjp
+from ...base.numerics.stopwatch import working_seconds
 from ...base.sparse.cholesky import Cholesky
 from ...base.sparse.scalar import ScalarCholesky
 from ...base.sparse.solved_together import Task, solved
@@ -146,7 +146,7 @@ class Rotations(OneLine):
         self, initial: np.ndarray, surface: np.ndarray, start: RotatedStart | None = None
     ) -> Task[RotatedMovement]:
         """Task of `move`, see `bspline_mdao.core.movement.moved_together`."""
-        began, mesh = time.perf_counter(), self.mesh
+        began, mesh = working_seconds(), self.mesh
         initial = np.array(as_array(initial, "movement: points"), dtype=float)
         surface = np.array(as_array(surface, "movement: surface points"), dtype=float)
         check_request(mesh, initial, surface)
@@ -175,7 +175,7 @@ class Rotations(OneLine):
 
     def _report(self, fields: Sequence[TargetGradientField], points: np.ndarray, began: float) -> MovementReport:
         """Report of a move that began at a time."""
-        balances, seconds = [field.balance for field in fields], time.perf_counter() - began
+        balances, seconds = [field.balance for field in fields], working_seconds() - began
         solve = SolveReport(
             self.solver.name,
             sum(balance.n_steps for balance in balances),
@@ -184,7 +184,7 @@ class Rotations(OneLine):
             digits_of(max(balance.error for balance in balances)),
         )
         increment = IncrementReport(solve=solve, **vars(self.mesh.tangled(points)))
-        took = time.perf_counter() - began
+        took = working_seconds() - began
         return MovementReport((increment,), took, n_invalid=self.mesh.n_invalid)
 
 

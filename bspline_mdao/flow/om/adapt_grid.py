@@ -5,12 +5,12 @@ Theory: ``docs/theory/adaptation.rst``.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from ...base.numerics.stopwatch import working_seconds
 from ...core.design.interior_points import InteriorPoints
 from ...core.model.fitted_model import FittedModel
 from ...errors import InputError
@@ -89,7 +89,7 @@ def adapt_grid(
     """
     names = [of] if isinstance(of, str) else list(of)
     _check(names, limits, rounds, iterations, flow)
-    started = time.perf_counter()
+    started = working_seconds()
     shift = InteriorPoints("interior", reach=reach, sliding=sliding).bind(model)
     report = progress or (lambda done, what: None)
     if limits is None:
@@ -108,7 +108,7 @@ def adapt_grid(
         before=search.before,
         after=search.after,
         flows=search.flows,
-        seconds=time.perf_counter() - started,
+        seconds=working_seconds() - started,
     )
 
 

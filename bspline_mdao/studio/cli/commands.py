@@ -350,8 +350,8 @@ def completion(shell: str) -> None:
 def warm_up(**options: Any) -> None:
     """Compile the kernels of the usual commands once, so that none of them has to wait.
 
-    Runs fit, move, quality, airfoil, refine and optimize on tiny grids, in processes that share their kernels. Does
-    nothing if all kernels are there.
+    Runs the commands on tiny grids and an unstructured mesh, in processes that share their kernels. Does nothing if all
+    kernels are there.
     """
     with without_collector():
         from .warm_up import warm_up as compile_all

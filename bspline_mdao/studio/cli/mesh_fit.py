@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ...base.numerics.progress import progress_bar
+from ...base.numerics.stopwatch import working_seconds
 from ...base.text import counted
 from ...core.background.end_planes import PERIODIC
 from ...core.background.lattice_settings import LatticeSettings
@@ -38,7 +38,7 @@ def fit_mesh(
     with progress_bar() as progress:
         progress(0.0, "reading")
         mesh, kinds = read()
-        start = time.process_time()
+        start = working_seconds()
         progress(0.5, "lattice")
         chosen = {name: guess.kind for name, guess in kinds.items()}
         model = MeshModel.of(mesh, chosen, settings, Path(mesh_name).absolute())
@@ -48,7 +48,7 @@ def fit_mesh(
             model = model.refined_for([model.deformed(parse_deformation(text, model, mesh_of_walls)) for text in moves])
         progress(0.6, "walls")
         model.node_map  # noqa: B018 - what cannot be moved is refused here
-        seconds = time.process_time() - start
+        seconds = working_seconds() - start
     numbers = fit_mesh_numbers(model, kinds, seconds)
     with written_json(json, numbers):
         model.save(output)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.numerics.progress import progress_bar
+from ...base.numerics.stopwatch import working_seconds
 from ...base.text import counted
 from ...core.background.end_planes import INNER
 from ...core.background.lattice_settings import LatticeSettings
@@ -126,13 +126,13 @@ def _refuse_others(model_file: Path, options: MoveOptions) -> None:
 
 def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     """Make the move and measure it."""
-    start = time.process_time()
+    start = working_seconds()
     mesh = model.design_mesh(options.design or None)
     deformation = parse_deformation(options.deform, model, mesh)
     surface = model.deformed(deformation)
     movement = model.mover_of(mesh).move(model.control_points, surface)
     state = model.node_map.at(movement.points)
-    seconds = time.process_time() - start
+    seconds = working_seconds() - start
     judged = MovedMesh.of(model, movement.points, state.nodes, is_proved=not options.no_certify)
     split, notes = model.split_copies(deformation), deformation.notes
     return _Moved(model, surface, movement, state, judged, seconds, split=split, notes=notes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from openmdao.utils import reports_system
 
 from ...base.extras import INSTALL, library
 from ...base.numerics.processes import on_first, world
+from ...base.numerics.stopwatch import working_seconds
 from ...core.om.drivers.case_file import count_cases
 from ...core.om.drivers.nlopt_driver import NLoptDriver
 from ...errors import InputError, MovementError
@@ -66,9 +66,9 @@ def optimize_study(
     _say_of_cad(found)
     with lasting_stdout():
         run = on_first(comm, lambda: _prepared(found, folder, json, overwrite, restart))
-        start = time.perf_counter()
+        start = working_seconds()
         problem, names = _run(run, folder, comm, f"{study}: {output / SCRIPT} runs")
-        numbers, seconds = _numbers(problem, names["before"], names["after"]), time.perf_counter() - start
+        numbers, seconds = _numbers(problem, names["before"], names["after"]), working_seconds() - start
         numbers |= {"evaluations_before": run.n_earlier, "seconds": seconds}
         numbers |= {"gains": {gain.name: _parts(gain) for gain in _gains(names)}}
         optimum = on_first(comm, lambda: optimum_of(names["model"], problem))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.numerics.progress import progress_bar
+from ...base.numerics.stopwatch import working_seconds
 from ...base.text import counted
 from ...core.design.deformation import Deformation
 from ...core.design.named_deformations import PrescribedPoints, read_points
@@ -81,7 +81,7 @@ def ride_along(
         progress(0.0, "reading")
         model = FittedModel.load(model_file)
         file = read_mesh(mesh_file, section_span(model))
-        start = time.process_time()
+        start = working_seconds()
         progress(0.1, "looking for the nodes in the volumes")
         riding = EmbeddedMesh.of(model, file.mesh, options.wall, options.tolerance, options.hold_outside)
         progress(0.6, "moving")
@@ -164,7 +164,7 @@ def _measured(model: FittedModel, state: EmbeddedMeshState, points: np.ndarray, 
     """Measure the cells, the heights at walls, and gaps between periodic faces of the grid."""
     mesh, walls = state.of.mesh, state.of.walls
     ratios = np.zeros(0) if walls is None else walls.heights(state.nodes) / walls.heights(mesh.points)
-    seconds = time.process_time() - start
+    seconds = working_seconds() - start
     gaps = periodic_gaps(model.topology, model.regenerate(), model.regenerate(points))
     return _MovedMesh(state, MovedCells.of(mesh, state.nodes, ratios), gaps, seconds)
 

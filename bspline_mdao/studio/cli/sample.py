@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from ...base.numerics.stopwatch import working_seconds
 from ...base.text import counted
 from ...core.om.sampling.designs import Designs
 from ...errors import InputError
@@ -50,10 +50,10 @@ def sample_study(
     with replaced_file(output / SAMPLING_SCRIPT) as part:
         part.write_text(script, encoding="utf-8")
     print_title(f"{study}: {output / SAMPLING_SCRIPT} runs")
-    began = time.perf_counter()
+    began = working_seconds()
     file = str((output / SAMPLING_SCRIPT).resolve())
     exec(compile(script, file, "exec"), {"__name__": "__main__", "__file__": file})
-    designs, seconds = Designs(output / DESIGNS), time.perf_counter() - began
+    designs, seconds = Designs(output / DESIGNS), working_seconds() - began
     with replaced_file(output / CARD) as part:
         part.write_text(_card(designs, study), encoding="utf-8")
     with written_json(json, _numbers(designs, study, output, seconds)):

@@ -11,6 +11,8 @@ from typing import TextIO
 
 import click
 
+from ...base.numerics.progress import say_compilation
+
 __all__ = ["STDOUT", "numbers_stream", "streams"]
 
 STDOUT = Path("-")
@@ -31,6 +33,7 @@ def streams(
     context.meta[_NUMBERS] = sys.stdout
     with ExitStack() as stack:
         if is_quiet:
+            say_compilation(None)
             stack.enter_context(redirect_stdout(stack.enter_context(open(os.devnull, "w", encoding="utf-8"))))
         elif has_numbers:
             stack.enter_context(redirect_stdout(sys.stderr))

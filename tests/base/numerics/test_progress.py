@@ -7,10 +7,20 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
+from numba import njit
 
 from bspline_mdao.base.numerics import progress
-from bspline_mdao.base.numerics.progress import SWITCH, is_terminal, progress_bar, show_progress, within
+from bspline_mdao.base.numerics.progress import (
+    SWITCH,
+    is_terminal,
+    progress_bar,
+    say_compilation,
+    show_progress,
+    within,
+)
+from bspline_mdao.base.numerics.stopwatch import working_seconds
 
 FIT = """
 from bspline_mdao import fit_grid
@@ -120,8 +130,6 @@ def test_false_is_for_nobody_and_a_function_is_told(as_terminal):
 
 
 def test_compilation_is_named_while_it_lasts(monkeypatch):
-    from numba import njit
-
     names = []
     monkeypatch.setattr(progress, "is_terminal", lambda: True)
     monkeypatch.setattr(progress._Bar, "_open", lambda bar: setattr(bar, "display", _Display(names)))
@@ -130,6 +138,25 @@ def test_compilation_is_named_while_it_lasts(monkeypatch):
         assert njit(lambda x: x + 1)(2) == 3
     assert any(progress.COMPILING in name for name in names)
     assert names[-1] == "work: half"
+
+
+def test_compilation_is_named_in_one_line_where_no_bar_is_if_a_program_asks_for_that(monkeypatch):
+    monkeypatch.setattr(progress, "is_terminal", lambda: False)
+    for name, expected in (("asked", [progress.COMPILING]), ("not asked", [])):
+        said = []
+        say_compilation(said.append if name == "asked" else None)
+        with progress_bar("work"), progress_bar("inside"):
+            assert njit(lambda x: x + 1)(2) == 3
+            assert njit(lambda x: x + 2)(2) == 4
+        assert said == expected, name
+
+
+def test_the_clock_of_work_leaves_compilation_out():
+    began, work_began = time.perf_counter(), working_seconds()
+    assert njit(lambda x: np.linalg.norm(x) + np.sort(x)[0])(np.arange(3.0)) > 2.0
+    time.sleep(0.05)
+    took, worked = time.perf_counter() - began, working_seconds() - work_began
+    assert 0.05 <= worked < 0.5 * took
 
 
 class _Display:

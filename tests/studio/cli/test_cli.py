@@ -15,6 +15,7 @@ import pytest
 from component_cases import two_blocks
 
 from bspline_mdao import FittedModel, Grid, __version__, read_grid, write_grid
+from bspline_mdao.base.numerics.progress import SWITCH
 from bspline_mdao.core.fit.options import EXPONENTS, METHODS
 from bspline_mdao.core.generators.built_in import BUILT_IN
 from bspline_mdao.generators import onera_m6_grid
@@ -433,7 +434,7 @@ def test_the_program_itself_fails_in_one_line(workplace):
 
 @pytest.mark.slow
 def test_the_program_survives_a_closed_pipe(grid_file):
-    program = start("inspect", grid_file, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+    program = start("inspect", grid_file, env={**os.environ, "PYTHONUNBUFFERED": "1", SWITCH: "0"})
     program.stdout.close()
     assert program.stderr.read() == ""
     assert program.wait(timeout=120) == 0

@@ -20,6 +20,7 @@ from test_optimize import LEAST_AREA, RESULTS, names_in, summary
 
 import bspline_mdao
 from bspline_mdao import InputError, ScipyDriver, fit_grid, write_grid
+from bspline_mdao.base.numerics.progress import SWITCH
 from bspline_mdao.core.om.drivers import nlopt_driver
 from bspline_mdao.core.om.drivers.case_file import count_cases
 from bspline_mdao.generators import onera_m6_grid
@@ -456,7 +457,7 @@ def test_a_result_that_cannot_be_written_is_one_line_and_the_run_can_go_on(workp
 )
 def test_a_run_goes_on_where_nothing_can_be_printed(workplace, output, words):
     place = os.open(output, os.O_WRONLY) if output else subprocess.PIPE
-    program = start("area.toml", "-o", "out", stdout=place, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+    program = start("area.toml", "-o", "out", stdout=place, env={**os.environ, "PYTHONUNBUFFERED": "1", SWITCH: "0"})
     if output:
         os.close(place)
     else:
