@@ -206,7 +206,7 @@ exit 1
         ),
         ("echo all well; kill -KILL $$", "was ended by SIGKILL, by somebody or for want of memory"),
         ("sleep 30", "stopped at its time limit of 0.3 s"),
-        ("exit 0", r"history.csv: was not written \(No such file or directory\); see to the log"),
+        ("exit 0", r"history.csv: was not written \(No such file or directory\); look at the log"),
         (
             "echo; echo 'Maximum number of iterations reached (ITER = 7) before convergence.'",
             "not converged in 7 iterations; raise ITER, CFL_NUMBER",

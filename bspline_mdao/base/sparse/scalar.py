@@ -9,6 +9,7 @@ Software 31, 2005, pp. 302-325.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -72,7 +73,7 @@ class ScalarFactor:
         x = np.empty_like(right)
         for rows, factor in self._pieces:
             sides = right[rows]
-            x[rows] = factor.solve(sides.reshape(len(rows), -1)).reshape(sides.shape)
+            x[rows] = factor.solve(sides.reshape(len(rows), math.prod(sides.shape[1:]))).reshape(sides.shape)
         return x
 
     def solve(self, right: np.ndarray) -> LinearSolution:

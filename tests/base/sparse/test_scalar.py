@@ -60,3 +60,10 @@ def test_a_singular_matrix_and_numbers_that_are_none_are_refused():
     wrong.data[3] = np.nan
     with pytest.raises(MovementError, match="not finite"):
         ScalarCholesky().factorize(wrong)
+
+
+def test_a_matrix_without_rows_has_solutions_without_rows():
+    factor = ScalarCholesky().factorize(csc_array((0, 0)))
+    assert factor.cancellation == 0.0
+    assert factor.solve(np.empty(0)).x.shape == (0,)
+    assert factor.solve(np.empty((0, 4))).x.shape == (0, 4)

@@ -11,7 +11,7 @@ from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.core.fit.fitting import fit_grid
 from bspline_mdao.core.mesh.boundary import moving_mesh
 from bspline_mdao.core.mesh.moving_mesh import MovingMesh
-from bspline_mdao.core.movement import equilibrium
+from bspline_mdao.core.movement import equilibrium, equilibrium_mover
 from bspline_mdao.core.movement.elasticity import LinearElasticity
 from bspline_mdao.core.movement.springs import TorsionalSprings
 from bspline_mdao.core.movement.young_modulus import RegularisedMeasures
@@ -137,8 +137,8 @@ def test_round_off_of_the_surface_stays_round_off_among_slivers(is_turned):
 
 def test_the_plain_factor_would_leave_few_digits_of_slivers(monkeypatch):
     mesh = plate_in_its_wake()
-    monkeypatch.setattr(equilibrium, "REFINE_ABOVE", np.inf)
-    monkeypatch.setattr(equilibrium, "REFINE_PRODUCTS_ABOVE", np.inf)
+    monkeypatch.setattr(equilibrium_mover, "REFINE_ABOVE", np.inf)
+    monkeypatch.setattr(equilibrium_mover, "REFINE_PRODUCTS_ABOVE", np.inf)
     movement = LinearElasticity(mesh, n_increments=1).move(mesh.points, pitched(mesh))
     assert max(lost_in_products(mesh, movement)) > 1e-10
     assert movement.report.digits < 9.0

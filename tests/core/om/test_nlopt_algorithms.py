@@ -144,7 +144,7 @@ def test_what_an_algorithm_lacks_is_said_in_one_line_with_those_that_would_do(la
     message = str(raised.value)
     assert f"{name} {lack}" in message
     assert "\n" not in message
-    named = message.split("would do: ")[1].removesuffix(", ...").split(", ")
+    named = message.split("possible ones: ")[1].removesuffix(", ...").split(", ")
     assert named
     assert all(missing(ALGORITHMS[other], needs) is None for other in named)
 
@@ -162,7 +162,7 @@ def test_those_of_the_same_kind_are_named_if_there_are_any():
     for name, needs in {"GN_DIRECT": Needs(2, inequality=("a",)), "GN_ISRES": Needs(2, unbounded=("x",))}.items():
         with pytest.raises(InputError) as raised:
             find_algorithm(name, needs)
-        named[name] = str(raised.value).split("would do: ")[1].split(", ")
+        named[name] = str(raised.value).split("possible ones: ")[1].split(", ")
     assert named["GN_DIRECT"] == ["GN_ORIG_DIRECT", "GN_ORIG_DIRECT_L", "GN_ISRES", "GN_AGS"]
     assert named["GN_ISRES"][0] == "LD_SLSQP"
     with pytest.raises(

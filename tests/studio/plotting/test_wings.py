@@ -115,7 +115,7 @@ def test_sides_and_sections_of_a_mesh_are_those_of_its_wing(mesh_wing, axes):
 
 
 def test_a_mesh_has_no_strips_of_a_flow(mesh_wing):
-    with pytest.raises(InputError, match="has no strips of a flow; its span load is that of a LatticeFlow"):
+    with pytest.raises(InputError, match="has no strips of a flow; a LatticeFlow in the problem gives its span load"):
         strips_of(mesh_wing)
 
 
