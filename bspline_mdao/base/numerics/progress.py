@@ -132,8 +132,8 @@ def is_terminal() -> bool:
 
 
 def say_compilation(say: Callable[[str], None] | None) -> None:
-    """Have one line say that numba compiles, where no bar can; none for ``None``."""
-    _say[:] = [] if say is None else [say]
+    """Have one line say that numba compiles, where no bar can; none for ``None``, or where `SWITCH` is off."""
+    _say[:] = [] if say is None or os.environ.get(SWITCH) == "0" else [say]
 
 
 def _say_once(change: int) -> None:

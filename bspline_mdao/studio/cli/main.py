@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from ...base.numerics.processes import from_first, n_launched, world
-from ...base.numerics.progress import SWITCH, say_compilation
+from ...base.numerics.progress import say_compilation
 from ...errors import InputError, MovementError
 from .commands import bspline_mdao
 from .lasting_stdout import drop_stdout
@@ -36,8 +36,7 @@ def main() -> None:
     """Run the command of ``sys.argv`` and exit."""
     if n_launched() < 2:
         interrupt_when_terminated()
-    if os.environ.get(SWITCH) != "0":
-        say_compilation(_say)
+    say_compilation(_say)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # file names that the terminal cannot show

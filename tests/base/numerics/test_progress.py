@@ -142,9 +142,10 @@ def test_compilation_is_named_while_it_lasts(monkeypatch):
 
 def test_compilation_is_named_in_one_line_where_no_bar_is_if_a_program_asks_for_that(monkeypatch):
     monkeypatch.setattr(progress, "is_terminal", lambda: False)
-    for name, expected in (("asked", [progress.COMPILING]), ("not asked", [])):
+    for name, expected in (("asked", [progress.COMPILING]), ("not asked", []), ("off", [])):
         said = []
-        say_compilation(said.append if name == "asked" else None)
+        monkeypatch.setenv(SWITCH, "0" if name == "off" else "")
+        say_compilation(None if name == "not asked" else said.append)
         with progress_bar("work"), progress_bar("inside"):
             assert njit(lambda x: x + 1)(2) == 3
             assert njit(lambda x: x + 2)(2) == 4
