@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import numba
+from sphinx.ext import autosummary
 
 numba.config.DISABLE_JIT = True  # autodoc sees plain functions instead of numba's dispatchers; other processes compile
 
@@ -51,6 +52,7 @@ html_math_renderer = "mathml"
 pygments_style = "friendly"
 
 autosummary_generate = True
+autosummary.WELL_KNOWN_ABBREVIATIONS += ("Eq.",)  # else tables end a summary there: "from the control points, Eq."
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the numpydoc sections carry shapes and units, which hints cannot
 napoleon_google_docstring = False
