@@ -1,7 +1,7 @@
-"""The ONERA M6 wing: the grid on it and on the symmetry plane, and the control mesh of both.
+"""Control mesh of the ONERA M6.
 
-It takes some seconds. What comes out are the numbers of nodes and control points, the error of the fit, and a picture
-of what a user works with.
+The ONERA M6 wing: the grid on it and on the symmetry plane, and the control mesh of both. It takes some seconds. The
+output is the numbers of nodes and control points, the error of the fit, and a picture of what a user works with.
 """
 
 from __future__ import annotations

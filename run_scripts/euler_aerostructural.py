@@ -1,8 +1,9 @@
-"""A flexible wing in Euler flow: MPhys couples the flow, OpenAeroStruct's beam and rigid links between them.
+"""A flexible wing in Euler flow.
 
-It takes a minute, and half an hour on the finer grid. What comes out are lift, drag, bending and wash-out of the
-rigid wing and at two dynamic pressures, how the coupling converged, a check of the totals of the coupled wing against
-differences, and a picture of span load and bending.
+A flexible wing in Euler flow: MPhys couples the flow, OpenAeroStruct's beam and rigid links between them. It takes a
+minute, and half an hour on the finer grid. The output is lift, drag, bending and wash-out of the rigid wing and at two
+dynamic pressures, how the coupling converged, a check of the totals of the coupled wing against differences, and a
+picture of span load and bending.
 """
 
 from __future__ import annotations

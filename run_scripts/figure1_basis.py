@@ -1,7 +1,7 @@
-"""Figure 1: the cubic B-spline basis on the knots {0, 0, 0, 0, 0.1, 0.2, 0.5, 1, 1, 1, 1}.
+"""Figure 1: the cubic B-spline basis.
 
-It takes a second. What comes out are the values of the functions at the inner knots, their maxima, how far their sum is
-from one, and the picture of the figure.
+The cubic B-spline basis on the knots {0, 0, 0, 0, 0.1, 0.2, 0.5, 1, 1, 1, 1}. It takes a second. The output is the
+values of the functions at the inner knots, their maxima, how far their sum is from one, and the picture of the figure.
 """
 
 from __future__ import annotations

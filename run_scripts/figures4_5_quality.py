@@ -1,9 +1,10 @@
-"""Figures 4 and 5: orthogonality of the cells before and after the changes of shape of section IV, by both movers.
+"""Figures 4 and 5: orthogonality of the cells.
 
-The ONERA M6 becomes a rectangular NACA 0012 wing, and a flat plate becomes a blended-wing body with winglets, by the
-control mesh and node by node, with five increments of linear elasticity each. It takes half a minute, and an hour at
-the paper's size, where all nodes are moved only if petsc4py is installed. What comes out are the distributions of Q by
-both movers, inverted cells, CPU times, and the pictures of the figures.
+Orthogonality of the cells before and after the changes of shape of section IV, by both movers. The ONERA M6 becomes a
+rectangular NACA 0012 wing, and a flat plate becomes a blended-wing body with winglets, by the control mesh and node by
+node, with five increments of linear elasticity each. It takes half a minute, and an hour at the paper's size, where all
+nodes are moved only if petsc4py is installed. The output is the distributions of Q by both movers, inverted cells, CPU
+times, and the pictures of the figures.
 """
 
 from __future__ import annotations

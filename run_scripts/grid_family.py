@@ -1,8 +1,9 @@
-"""Section II.E: lift and drag on four members of a grid family, their order, and their limit on infinitely fine grids.
+"""Section II.E: order on a grid family.
 
-All members have the same control points: what changes is the number of cells alone. It takes two minutes, with
-``--quick`` some seconds, and a quarter of an hour at the paper's size. What comes out, for a wing and for a ball, are
-the coefficients on the members, their order of accuracy with its uncertainty, their limits, and a picture of them.
+Lift and drag on four members of a grid family, their order, and their limit on infinitely fine grids. All members have
+the same control points: what changes is the number of cells alone. It takes two minutes, with ``--quick`` some seconds,
+and a quarter of an hour at the paper's size. The output, for a wing and for a ball, is the coefficients on the
+members, their order of accuracy with its uncertainty, their limits, and a picture of them.
 
 The wing is one that an order can be expected of: its sections are those of Joukowski, of the same chord and ever
 thinner towards a sharp tip, on an O-grid whose lines are the images of circles and rays. There are no singular lines,

@@ -1,8 +1,9 @@
-"""Raise the worst cells of ten grids of other people by moving interior control points at fixed surface.
+"""Improve the worst cells of a grid.
 
-Patches are those that the files declare, and guessed ones where they declare none, as ``bspline-mdao inspect --draft``
-writes them. It takes some minutes; the three smallest half a minute. What comes out is a row for each grid: Q and the
-smallest corner before and after, heights of first cells, what of its walls moved, and seconds.
+Raise the worst cells of ten grids of other people by moving interior control points at fixed surface. Patches are those
+that the files declare, and guessed ones where they declare none, as ``bspline-mdao inspect --draft`` writes them. It
+takes some minutes; the three smallest half a minute. The output is a row for each grid: Q and the smallest corner
+before and after, heights of first cells, what of its walls moved, and seconds.
 """
 
 from __future__ import annotations

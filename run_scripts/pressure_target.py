@@ -1,10 +1,11 @@
-"""Inverse design: the ONERA M6 from its pressures, by more than 100 control-point variables.
+"""Inverse design from pressures.
 
-The wing to be found is the M6 with smooth random bumps on both sides. The optimiser sees the pressure coefficients of
-the wall faces alone, and chooses combinations of the heights along all of which the objective is equally curved on the
-M6. It takes a minute, with ``--quick`` half of that, and many hours at the paper's size. What comes out are the errors
-of the heights and of the pressures, how the optimisers went on, a check of the totals, and a picture of a section, its
-pressures and the histories.
+Inverse design: the ONERA M6 from its pressures, by more than 100 control-point variables. The wing to be found is the
+M6 with smooth random bumps on both sides. The optimiser sees the pressure coefficients of the wall faces alone, and
+chooses combinations of the heights along all of which the objective is equally curved on the M6. It takes a minute,
+with ``--quick`` half of that, and many hours at the paper's size. The output is the errors of the heights and of the
+pressures, how the optimisers went on, a check of the totals, and a picture of a section, its pressures and the
+histories.
 """
 
 from __future__ import annotations

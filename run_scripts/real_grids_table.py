@@ -1,7 +1,8 @@
-"""Fit every structured grid of a folder and compare the error with the size of the cells where it occurs.
+"""Fit every grid of a folder.
 
-It takes a minute for thirty grids of less than 50 000 nodes. What comes out is a row for each file: the errors of its
-fit, absolute and relative to the cells, or the reason why it is refused.
+Fit every structured grid of a folder and compare the error with the size of the cells where it occurs. It takes a
+minute for thirty grids of less than 50 000 nodes. The output is a row for each file: the errors of its fit, absolute
+and relative to the cells, or the reason why it is refused.
 """
 
 from __future__ import annotations

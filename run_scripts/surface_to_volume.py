@@ -1,7 +1,8 @@
-"""From a surface to a volume: a swept wing with a plane tip and a blunt edge, extruded layer by layer.
+"""From a surface grid to a volume grid.
 
-It takes some seconds. The surface is three blocks of nodes: skin, tip, and base of the trailing edge. What comes out
-are the numbers of nodes, inverted cells, corners and first heights of the volume, and a picture of both.
+From a surface to a volume: a swept wing with a plane tip and a blunt edge, extruded layer by layer. It takes some
+seconds. The surface is three blocks of nodes: skin, tip, and base of the trailing edge. The output is the numbers of
+nodes, inverted cells, corners and first heights of the volume, and a picture of both.
 """
 
 from __future__ import annotations

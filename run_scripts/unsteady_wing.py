@@ -1,7 +1,8 @@
-"""Shape control in unsteady flow (section II.E): a pitching and a flapping wing, with exact grid velocities.
+"""Section II.E: wings in unsteady motion.
 
-It takes half a minute. What comes out are the errors of differences in time, which approach the exact velocities at
-second order, the worst cells over a period, and a picture of both motions.
+Shape control in unsteady flow (section II.E): a pitching and a flapping wing, with exact grid velocities. It takes half
+a minute. The output is the errors of differences in time, which approach the exact velocities at second order, the
+worst cells over a period, and a picture of both motions.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Flows whose solution is known: a cylinder, a sphere, and a section of Kármán and Trefftz with lift.
+"""Flows with exact solutions.
 
-It takes a minute, with ``--quick`` some seconds, and some minutes at the paper's size. What comes out are pressures,
-lift and drag on three grids about each body, their errors and orders, and a picture of the pressures over the exact
-ones and of the errors over the cells along a body.
+Flows whose solution is known: a cylinder, a sphere, and a section of Kármán and Trefftz with lift. It takes a minute,
+with ``--quick`` some seconds, and some minutes at the paper's size. The output is pressures, lift and drag on three
+grids about each body, their errors and orders, and a picture of the pressures over the exact ones and of the errors
+over the cells along a body.
 """
 
 from __future__ import annotations

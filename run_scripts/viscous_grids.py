@@ -1,8 +1,9 @@
-"""Grids with boundary layers through drastic changes of shape: what inverts, and how high the first cells are then.
+"""Boundary-layer grids, deformed drastically.
 
-It takes half a minute on a small section, and an hour for all grids of ``--paper``. What comes out is a row for each
-grid, deformation and way to move it: inverted cells, Q, and heights of the first cells relative to those before; a
-summary, a table of comma-separated values, and pictures of the cells at the edges of walls.
+Grids with boundary layers through drastic changes of shape: what inverts, and how high the first cells are then. It
+takes half a minute on a small section, and an hour for all grids of ``--paper``. The output is a row for each grid,
+deformation and way to move it: inverted cells, Q, and heights of the first cells relative to those before; a summary, a
+table of comma-separated values, and pictures of the cells at the edges of walls.
 """
 
 from __future__ import annotations

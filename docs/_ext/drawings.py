@@ -112,7 +112,7 @@ def grouped(index: str) -> str:
 
 
 def dress(app, docname, source) -> None:
-    """Group the gallery, and make the first sentence of a script, a line of text in Python, the title of its page."""
+    """Group the gallery, and make the first line of a script, text in Python, the title of its page."""
     if docname == "gallery/index":
         source[0] = grouped(source[0])
     if re.match(r"gallery/(?!index|sg_)\w+$", docname):

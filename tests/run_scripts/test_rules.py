@@ -76,10 +76,16 @@ def test_a_run_script_is_short(path):
 
 
 @scripts
-def test_a_run_script_says_what_it_takes_and_what_comes_out(path):
+def test_a_run_script_says_what_it_takes_and_what_its_output_is(path):
     text = " ".join(ast.get_docstring(ast.parse(path.read_text())).split())
     assert re.search(r"[Ii]t takes .*(second|minute|hour)", text)
-    assert "What comes out" in text
+    assert "The output" in text
+
+
+@scripts
+def test_the_first_line_of_a_run_script_is_a_title_that_fits_a_thumbnail(path):
+    title, _, _ = ast.get_docstring(ast.parse(path.read_text())).partition("\n\n")
+    assert "\n" not in title and len(title) <= 50
 
 
 def test_docstrings_comments_imports_and_blank_lines_are_no_code():
