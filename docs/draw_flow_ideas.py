@@ -1,6 +1,6 @@
 """Draw the pictures at the beginning of four pages of theory.
 
-``python docs/draw_ideas.py`` writes, below ``docs/_static``, ``flux_stencil.png`` (the state at a face of a cell),
+``python docs/draw_flow_ideas.py`` writes, below ``docs/_static/ideas``, ``flux_stencil.png`` (the state at a face of a cell),
 ``failed_step.png`` (what an optimizer receives for a failed analysis), ``transfer_means.png`` (a field on two members
 of a family) and ``body_points.png`` (a rib that follows a twisted wing). It takes ten seconds.
 """
@@ -14,7 +14,7 @@ import numpy as np
 import bspline_mdao as bm
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, figure
 
-STATIC = Path(__file__).parent / "_static"
+STATIC = Path(__file__).parent / "_static" / "ideas"
 
 STATES = np.array([1.0, 1.05, 1.5, 2.3])
 """Means of the cells a to d."""
