@@ -126,6 +126,21 @@ def test_the_most_read_pages_of_theory_begin_with_the_idea():
         assert first == ".. admonition:: The idea", name
 
 
+def test_pages_of_theory_begin_with_the_idea_and_a_picture():
+    names = (
+        "asked_walls deformations elasticity evaluation extrusion far_field fit free_form generators "
+        "linear_constraints parametrization ride"
+    )
+    for name in names.split():
+        page = (DOCS / f"theory/{name}.rst").read_text()
+        _, _, idea, picture, *_ = re.findall(r"^(?!\.\. index::)(\S.*)$", page, re.M)
+        assert idea == ".. admonition:: The idea", name
+        assert picture.startswith(".. figure:: "), name
+        assert (DOCS / "theory" / picture.split()[-1]).is_file(), name
+        lines = re.search(r"The idea\n\n((?:   .*\n)+)", page)[1].splitlines()
+        assert len(lines) <= 6, name
+
+
 def messages_of(path):
     """Texts of a module that may be printed, ``…`` in the place of what is formatted into them."""
     for node in ast.walk(ast.parse(path.read_text())):
