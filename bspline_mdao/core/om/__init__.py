@@ -1,1 +1,1 @@
-"""All that imports OpenMDAO: components, groups, flows and drivers, thin over the kernels of the other folders."""
+"""All that imports OpenMDAO: components, groups, flows and drivers, thin layers over the kernels of other folders."""

@@ -1,4 +1,4 @@
-"""Wall nodes that are where moved faces of a CAD file put them, as an OpenMDAO component."""
+"""Wall nodes placed by the moved faces of a CAD file, as an OpenMDAO component."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .component import LINEAR_STEP, SparseComponent, fails_together, finite_valu
 
 
 class CadWalls(SparseComponent):
-    """Put the walls exactly where design variables put the faces to which they are tied.
+    """Put the walls exactly on the CAD faces they are tied to, as design variables move those faces.
 
-    Give its ``surface`` to a `GridMovement` of the same nodes, ``surface=tied.surface``: nodes of the wall are there to
-    the last bit, and control points follow them. The component is linear.
+    Give its ``surface`` to a `GridMovement` of the same nodes, ``surface=tied.surface``: wall nodes match to the last
+    bit, and control points follow them. The component is linear.
 
     =====================  ======  ===========  =====  ==============================================================
     name                   role    shape        units  meaning
@@ -37,7 +37,8 @@ class CadWalls(SparseComponent):
     Raises
     ------
     InputError
-        In ``setup``, if there is no variable, two have one name or one that is taken, or they are of different walls.
+        In ``setup``, if there is no variable, if a name occurs twice or is taken, or if the variables are of different
+        walls.
     om.AnalysisError
         In a run, if a value is not finite.
 

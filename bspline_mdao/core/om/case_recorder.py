@@ -1,4 +1,4 @@
-"""A recorder of cases that leaves out what is long, goes on behind other cases, and outlasts a full disk."""
+"""A case recorder that leaves out long arrays, continues the cases of an earlier run, and survives a full disk."""
 
 from __future__ import annotations
 
@@ -23,39 +23,39 @@ __all__ = ["CaseRecorder"]
 
 
 class CaseRecorder(om.SqliteRecorder):
-    """OpenMDAO's recorder of cases in an SQLite file, without long arrays.
+    """OpenMDAO's SQLite case recorder, without long arrays.
 
-    A driver's own records hold design variables, objective and constraints, which are short. Those of a problem, a
-    model or a solver, and of a driver that is told to include ``"*"``, hold every variable as text, and with them the
-    grid and the states of a flow, over and over. `NLoptDriver` and `ScipyDriver` leave these out of their records and
-    of those of their problem, whichever recorder writes them. This recorder, attached to whatever, leaves out what has
-    more values than ``longest``, unless it is asked for or is a design variable or a response.
+    A driver's own records hold design variables, objective and constraints, which are short. The records of a problem,
+    a model or a solver, and of a driver set to include ``"*"``, hold every variable as text, and so the grid and the
+    flow states over and over. `NLoptDriver` and `ScipyDriver` leave long arrays out of their own records and their
+    problem's, whichever recorder writes them. This recorder does so wherever it is attached: it leaves out any array of
+    more than ``longest`` values, unless the array is listed in ``keep`` or is a design variable or a response.
 
-    A case that cannot be written, since the disk is full for example, is a warning and not the end of the run.
+    If a case cannot be written, for example because the disk is full, a warning is issued and the run continues.
 
     Parameters
     ----------
     filepath : path-like
-        File to write, in the folder of OpenMDAO's outputs unless it is absolute.
+        File to write, in OpenMDAO's output folder unless the path is absolute.
     longest : int
-        Number of values up to which an array is recorded.
+        Largest number of values that an array may have to be recorded.
     keep : sequence of str
-        Names, or patterns of names, of long variables that are recorded all the same, such as ``"surface"``: the part
-        of the absolute name behind the last dot, or all of it.
+        Names, or name patterns, of long variables to record nevertheless, such as ``"surface"``: the part of the
+        absolute name after the last dot, or the whole name.
     earlier : path-like, optional
-        Case file of another run of the same problem, whose cases of the driver come first: see `load_best`.
+        Case file of an earlier run of the same problem, whose driver cases come first: see `load_best`.
     **options : dict
-        Those of `openmdao.api.SqliteRecorder`.
+        Options of `openmdao.api.SqliteRecorder`.
 
     Attributes
     ----------
     left_out : set of str
-        What was left out so far, by names.
+        Names of the variables left out so far.
 
     Raises
     ------
     InputError
-        When the run begins, if the file cannot be made, or the cases of the earlier one cannot be taken over.
+        When the run begins, if the file cannot be created, or the cases of the earlier file cannot be copied.
 
     Examples
     --------
@@ -86,7 +86,7 @@ class CaseRecorder(om.SqliteRecorder):
         self._n_cases = self._n_iterations = 0  # of the earlier file
 
     def startup(self, recording_requester: Any, comm: Any = None) -> None:
-        """Begin a file, or go on behind the cases of the earlier one; called by OpenMDAO."""
+        """Begin a file, or append to a copy of the earlier one; called by OpenMDAO."""
         is_new, self._is_alone = not self._database_initialized, comm is None or comm.size == 1
         self._begin(super().startup, recording_requester, comm)
         if is_new and self._earlier is not None:
@@ -96,7 +96,7 @@ class CaseRecorder(om.SqliteRecorder):
         self._counter = self._n_cases
 
     def _initialize_database(self, comm: Any) -> None:
-        """Make the file, in whose place the earlier one is not; called by OpenMDAO, which removes what is there."""
+        """Create the file, unless the earlier file is at that path; called by OpenMDAO, which removes what is there."""
         if self._earlier is not None and os.path.realpath(self._earlier) == os.path.realpath(self._filepath):
             raise InputError(f"{self._filepath}: is the file of the earlier run; record into another one")
         super()._initialize_database(comm)
@@ -114,7 +114,7 @@ class CaseRecorder(om.SqliteRecorder):
         self._begin(super().record_metadata_solver, solver, run_number)
 
     def record_iteration_driver(self, driver: Driver, data: dict, metadata: dict[str, Any]) -> None:
-        """Record an iteration of a driver: its design variables and responses, and what else is short."""
+        """Record an iteration of a driver: its design variables and responses, and other short arrays."""
         self._number_on()
         self._write(super().record_iteration_driver, driver, self._short(data, sources_of(driver)), metadata)
 
@@ -124,24 +124,24 @@ class CaseRecorder(om.SqliteRecorder):
         self._write(super().record_derivatives_driver, recording_requester, data, metadata)
 
     def record_iteration_problem(self, problem: om.Problem, data: dict, metadata: dict[str, Any]) -> None:
-        """Record a case of a problem: its design variables and responses, and what else is short."""
+        """Record a case of a problem: its design variables and responses, and other short arrays."""
         self._write(super().record_iteration_problem, problem, self._short(data, sources_of(problem.driver)), metadata)
 
     def record_iteration_system(self, system: om.System, data: dict, metadata: dict[str, Any]) -> None:
-        """Record a run of a system, as far as it is short."""
+        """Record the short arrays of a run of a system."""
         self._write(super().record_iteration_system, system, self._short(data), metadata)
 
     def record_iteration_solver(self, solver: Solver, data: dict, metadata: dict[str, Any]) -> None:
-        """Record an iteration of a solver, as far as it is short."""
+        """Record the short arrays of an iteration of a solver."""
         self._write(super().record_iteration_solver, solver, self._short(data), metadata)
 
     def _number_on(self) -> None:
-        """Number an iteration of the driver behind those of the earlier file."""
+        """Continue the earlier file's numbering of the driver's iterations."""
         head, _, number = self._iteration_coordinate.rpartition("|")
         self._iteration_coordinate = f"{head}|{int(number) + self._n_iterations}"
 
     def _begin(self, record: Callable, *what: Any) -> None:
-        """Write what a file begins with, without which nobody can read it."""
+        """Write the head of a file, without which it cannot be read."""
         try:
             record(*what)
         except sqlite3.Error as error:
@@ -150,7 +150,7 @@ class CaseRecorder(om.SqliteRecorder):
             raise InputError(f"{self._filepath}: cannot be written ({error}); choose another place") from error
 
     def _write(self, record: Callable, *case: Any) -> None:
-        """Write a case; the first of some that cannot be written is a warning."""
+        """Write a case; issue a warning for the first of a series that cannot be written."""
         try:
             # OpenMDAO counts a case before it writes it, so that half of one makes the file unreadable
             with deferred_interrupts():
@@ -165,7 +165,7 @@ class CaseRecorder(om.SqliteRecorder):
             self._is_failing = True
 
     def _short(self, data: dict, wanted: frozenset[str] = frozenset()) -> dict:
-        """What is recorded of the inputs, outputs and residuals of a case."""
+        """The part of a case's inputs, outputs and residuals that is recorded."""
         kinds = {kind: data[kind] for kind in ("input", "output", "residual") if data.get(kind)}
         short = {kind: {k: v for k, v in of.items() if self._is_kept(k, v, wanted)} for kind, of in kinds.items()}
         self.left_out |= {name for kind, of in kinds.items() for name in of.keys() - short[kind].keys()}

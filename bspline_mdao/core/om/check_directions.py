@@ -1,4 +1,4 @@
-"""How ``check_partials`` looks at a component: products along one random direction in each input."""
+"""How ``check_partials`` checks a component: products along one random direction in each input."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ def check_along_directions(
     component: om.Component,  # the component
     step: float,  # step of the differences, in the units of the inputs
     wrt: str = "*",  # inputs, by name or pattern
-    # take complex steps in the place of differences where the problem has room for them, after
-    # ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them
+    # use complex steps instead of differences if the problem was set up with ``setup(force_alloc_complex=True)``: for
+    # components whose kernels are exact under complex step
     is_complex: bool = False,
 ) -> None:
     """Make ``check_partials`` compare products along one random direction in each input with central differences."""
-    # OpenMDAO's default runs the component once for every number in the inputs, and holds all of the Jacobian. Call it
-    # in ``setup``; what a user sets on the component after ``Problem.setup`` comes before it.
+    # OpenMDAO's default runs the component once for every input value, and stores the whole Jacobian. Call this in
+    # ``setup``; what a user sets on the component after ``Problem.setup`` overrides it.
     #
-    # A component whose processes depend on each other also is a `bspline_mdao.core.om.component.CheckedOnProcesses`.
+    # A component whose processes depend on each other is also a `bspline_mdao.core.om.component.CheckedOnProcesses`.
     if is_complex and component._force_alloc_complex:  # OpenMDAO has no public name for it
         component.set_check_partial_options(wrt, method="cs", directional=True)
     else:

@@ -1,20 +1,20 @@
-"""``check_partials`` along directions in which every point moves by a part of its shortest edge.
+"""``check_partials`` along directions in which every point moves by a fraction of its shortest edge.
 
-The cells of one grid may be 1e-6 m high at walls and 10 m long far out. No step in metres suits both: what first
-cells can follow is lost to rounding in coordinates of 100 m. So the check sees the component in variables of its own,
-those of points in units of their edges. OpenMDAO takes products along a random direction r, and differences for it
-between inputs ``x0 + v`` and ``x0 - v`` with ``v = step r``. Both it does with
+The cells of one grid may be 1e-6 m high at walls and 10 m long in the far field. No step in metres suits both: a step
+small enough for the first cells is lost to rounding in coordinates of 100 m. So the check sees the component in scaled
+variables: displacements of points in units of their edges. OpenMDAO takes products along a random direction r, and the
+matching differences between inputs ``x0 + v`` and ``x0 - v`` with ``v = step r``. It does both with
 
 ``g(v) = (4/3 f(x0 + e v) - 1/6 f(x0 + 2 e v)) / u``
 
-in the place of the component's f. On the diagonal of e are the shortest edges of the points, so that the step is a part
-of them; u is one length. Then ``g'(0)`` is ``f'(x0) e / u``, and the central difference of g is the five-point rule for
-it, off by the fourth power of the step. Two things keep rounding small: the entries of ``e v`` are multiples of the
-last digit of x0 (`_Stretch.along`), so that points are just where they are meant to be; and u is such that rounding of
-coordinates by one digit makes `ROUNDING` of the differences, below the absolute tolerance of ``assert_check_partials``.
-The derivatives that are compared are ``e / u`` times those in metres.
+instead of the component's f. The diagonal of e holds the shortest edges of the points, so the step is a fraction of
+them; u is one length. Then ``g'(0)`` is ``f'(x0) e / u``, and the central difference of g is the five-point rule for
+it, with an error of fourth order in the step. Two things keep rounding small: the entries of ``e v`` are multiples of
+the last digit of x0 (`_Stretch.along`), so points are exactly where they are meant to be; and u is chosen such that
+rounding coordinates by one digit contributes `ROUNDING` to the differences, below the absolute tolerance of
+``assert_check_partials``. The derivatives that are compared are ``e / u`` times those in metres.
 
-The products are the component's own, and so are the values that are differenced.
+The products and the differenced values are the component's own.
 """
 
 from __future__ import annotations
@@ -37,14 +37,15 @@ FIVE_POINT = ((1.0, 4.0 / 3.0), (2.0, -1.0 / 6.0))
 """Places along a direction and weights, see above."""
 
 PART = 3e-3
-"""Part of the shortest edge that a point moves by. The five-point rule is then off by 1e-11 of what varies over an
-edge, and edges of 1e-6 m at coordinates of 1 m change by 1e7 of their last digits."""
+"""Fraction of the shortest edge by which a point moves. The five-point rule then has a relative error of 1e-11 in what
+varies over an edge, and edges of 1e-6 m at coordinates of 1 m change by 1e7 of their last digits."""
 
 REACH = 1e-6
-"""Part of a grid's size that no point moves by more, twice: points may leave planes of symmetry by 1e-5 of it."""
+"""Largest move of a point as a fraction of the grid's size, doubled by the five-point rule: points may leave symmetry
+planes by 1e-5 of it."""
 
 ROUNDING = 1e-7
-"""Part of the derivatives that rounding of coordinates makes: a tenth of the absolute tolerance of
+"""Contribution of coordinate rounding to the derivatives: a tenth of the absolute tolerance of
 ``assert_check_partials``."""
 
 
@@ -52,17 +53,17 @@ def check_along_edges(
     component: CheckedAlongEdges,  # the component
     wrt: str,  # the input, points with x, y and z interleaved (m)
     # of int, numbers of its points in blocks, faces or lines; neighbours along any direction are joined by edges.
-    # Points that the input does not have are -1. One without edges moves by `REACH` times the size of all; one with a
-    # collapsed edge stays, since lines of no length are a case of their own, from which functions jump.
+    # Points that the input does not have are -1. A point without edges moves by `REACH` times the overall size. A point
+    # with a collapsed edge stays: lines of zero length are a special case, and functions jump when leaving it.
     lines: Sequence[np.ndarray],
     sharpness: float = 1.0,  # lengths of the edges divided by those over which the function changes
-    digits: float = 1.0,  # how many last digits of coordinates are lost to rounding in the function
-    # take complex steps in the place of differences where the problem has room for them, after
-    # ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them
+    digits: float = 1.0,  # how many trailing digits of coordinates the function loses to rounding
+    # use complex steps instead of differences if the problem was set up with ``setup(force_alloc_complex=True)``: for
+    # components whose kernels are exact under complex step
     is_complex: bool = False,
 ) -> None:
     """Make ``check_partials`` move the points of an input by parts of their shortest edges; call it in ``setup``."""
-    # What a user sets on the component after ``Problem.setup`` comes before it.
+    # What a user sets on the component after ``Problem.setup`` overrides it.
     step = PART / sharpness
     check_along_directions(component, step, wrt, is_complex)
     component._edges[wrt] = tuple(lines), step, digits / ROUNDING
@@ -90,7 +91,7 @@ class CheckedAlongEdges(Copied, Component):
     def run_apply_linear(
         self, mode: str, scope_out: Container[str] | None = None, scope_in: Container[str] | None = None
     ) -> None:
-        """Apply the Jacobian, in a check that of g."""
+        """Apply the Jacobian of f, or of g during a check."""
         if mode == "fwd":
             for name, stretch in self._stretches.items():
                 stretch.along(self._dinputs[name].ravel())
@@ -101,7 +102,7 @@ class CheckedAlongEdges(Copied, Component):
                 self._stretch(name)
 
     def run_apply_nonlinear(self) -> None:
-        """Compute residuals, in a check those of g."""
+        """Compute the residuals of f, or of g during a check."""
         for name, stretch in self._stretches.items():
             side = np.sign((self._inputs[name].ravel() - stretch.start) @ stretch.moves)
             if side:
@@ -115,7 +116,7 @@ class CheckedAlongEdges(Copied, Component):
         self._dinputs[name] = vector * (stretch.edges / stretch.unit).reshape(vector.shape)
 
     def _difference(self, name: str, moves: np.ndarray) -> None:
-        """Put the residuals of g in the place of those of f."""
+        """Replace the residuals of f by the residuals of g."""
         outputs, shape, total = self._outputs.asarray(copy=True), self._inputs[name].shape, 0.0
         for times, weight in FIVE_POINT:
             self._inputs[name] = (self._stretches[name].start + times * moves).reshape(shape)
@@ -137,15 +138,15 @@ class _Stretch:
 
     @classmethod
     def of(cls, points: np.ndarray, lines: Sequence[np.ndarray], step: float, digits: float) -> _Stretch:
-        """Measure the edges of points (n, 3); u is that many last digits of their coordinates, divided by the step."""
+        """Measure the edges of points (n, 3); u is ``digits`` last digits of their coordinates, divided by the step."""
         size = float(np.linalg.norm(np.ptp(points, axis=0)))
         edges = np.minimum(shortest_edges(points, lines, COLLAPSE_TOLERANCE * size), REACH / step * size)
         unit = np.finfo(float).eps * digits * float(np.abs(points).max()) / step
         return cls(points.ravel().copy(), step, unit, np.repeat(edges, 3), np.zeros(points.size))
 
     def along(self, direction: np.ndarray) -> None:
-        """Adjust the edges so that the way along a direction (3 n,), and twice that, ends at numbers that exist."""
-        # A number just below a power of two has a digit that those beyond do not have. Where that counts, it stays.
+        """Adjust the edges so that steps of once and twice a direction (3 n,) end at representable numbers."""
+        # A number just below a power of two has a digit that numbers beyond it lack. Where that matters, it stays.
         if direction.any():
             way = self.step * direction
             last_digit = np.spacing(np.abs(self.start) + 2.0 * np.abs(self.edges * way))
@@ -156,7 +157,7 @@ class _Stretch:
 
 
 def shortest_edges(points: np.ndarray, lines: Sequence[np.ndarray], least: float) -> np.ndarray:
-    """Shortest edge of every point (m), shape (n,): 0 where it is ``least`` or less, infinite without."""
+    """Shortest edge of every point (m), shape (n,): 0 if it is ``least`` or less, infinite for points without edges."""
     shortest = np.full(len(points), np.inf)
     for ids in lines:
         here, is_there = np.full(ids.shape, np.inf), ids >= 0
@@ -172,12 +173,12 @@ def shortest_edges(points: np.ndarray, lines: Sequence[np.ndarray], least: float
 
 
 def lines_among(numbers: np.ndarray, lines: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Lines between some of the points that lines join, for `check_along_edges`: these are numbered by their places."""
+    """Restrict lines to some of their points, renumbered by position, for `check_along_edges`."""
     places = np.full(1 + max(int(ids.max()) for ids in lines), -1)
     places[numbers] = np.arange(len(numbers))
     return [places[ids] for ids in lines]
 
 
 def numbered_blocks(shapes: Iterable[tuple[int, ...]]) -> list[np.ndarray]:
-    """Lines of blocks, of some shapes, whose nodes are an input one after the other, each in C order."""
+    """Lines of blocks of given shapes whose nodes follow each other in an input, each block in C order."""
     return BlockLayout.of(shapes).numbers

@@ -1,21 +1,20 @@
-"""Pieces that every component is made of.
+"""Building blocks of every component.
 
 To add a component:
 
-1. ``setup`` declares the variables and how they are checked: by `check_along_edges` for points of a grid on which
-   outputs do not depend linearly, or else by `check_along_directions`, with the step that suits them.
-2. ``compute`` looks at its inputs with `finite_points` or `finite_values`, calls one kernel, and writes its outputs.
-   Failures of the kernel to follow a design go through `failures_as_analysis_errors`, so that drivers can back off.
-   A state that ``compute`` and derivatives share is kept in a `LastState`.
-   Of several processes all raise what one of them raises: a method that sends nothing is decorated by `fails_together`;
-   one that does has what may fail, looks at inputs included, inside `failures_as_analysis_errors`, and what it sends
-   outside.
+1. ``setup`` declares the variables and how they are checked: by `check_along_edges` for grid points on which outputs
+   depend nonlinearly, otherwise by `check_along_directions` with a suitable step.
+2. ``compute`` checks its inputs with `finite_points` or `finite_values`, calls one kernel, and writes its outputs.
+   Kernel failures at a design go through `failures_as_analysis_errors`, so drivers can back off. State shared by
+   ``compute`` and the derivatives is kept in a `LastState`. If one process raises, all must raise: a method without
+   communication is decorated by `fails_together`; a method with communication keeps whatever may fail, input checks
+   included, inside `failures_as_analysis_errors`, and its communication outside.
 3. The derivative is written in one of two ways:
 
-   - *matrix-free*, where a kernel has ``jvp`` and ``vjp``: ``compute_jacvec_product`` is one call of `add_product`;
-     with inputs that are not points, `direction_in` and `add_bar`;
-   - *sparse*, where it has entries: the component is a `SparseComponent`, declares them by ``declare_sparse`` in
-     ``setup_partials`` and fills them in ``compute_partials``, through `SparsePattern` where kernels return matrices.
+   - *matrix-free*, if the kernel has ``jvp`` and ``vjp``: ``compute_jacvec_product`` is one call of `add_product`, or
+     uses `direction_in` and `add_bar` if inputs are not points;
+   - *sparse*, if the kernel returns entries: the component is a `SparseComponent`, declares them by ``declare_sparse``
+     in ``setup_partials`` and fills them in ``compute_partials``, through `SparsePattern` if kernels return matrices.
 
 4. A component whose kernel is real calls `refuse_complex_step`; a linear one splits complex inputs by `by_parts`.
 5. An entry point in ``pyproject.toml`` and a line in ``bspline_mdao/__init__.pyi`` register it; a test compares them.
@@ -42,10 +41,10 @@ from ...grids.cells.hexahedron import COLLAPSE_TOLERANCE
 from .checked_along_edges import CheckedAlongEdges, shortest_edges
 
 LINEAR_STEP = 1.0
-"""Step of differences of what is linear: it is exact at any step, and at a large one rounding counts least."""
+"""Difference step for linear functions: any step is exact, and rounding matters least for a large one."""
 
 SMOOTH_STEP = 1e-5
-"""Step of differences of what varies over a length of order 1, such as an angle or a scale."""
+"""Difference step for functions that vary over a length of order 1, such as an angle or a scale."""
 
 EACH, SAME, LEFT_OUT = "own", "same", "left out"
 """Ways to check derivatives on several processes, see `CheckedOnProcesses`."""
@@ -56,7 +55,7 @@ def finite_points(
     name: str,  # name, pathname: variable and component, for the message
     pathname: str,
 ) -> np.ndarray:  # (n, 3)
-    """View a flat input as points, after a look for numbers that are not finite."""
+    """View a flat input as points, after checking that all numbers are finite."""
     points = vector.reshape(-1, 3)
     if not np.isfinite(vector).all():
         row, axis = np.argwhere(~np.isfinite(points))[0]
@@ -68,7 +67,7 @@ def finite_points(
 
 
 def as_node_numbers(numbers: Sequence[int] | np.ndarray | None, n: int, name: str, pathname: str) -> np.ndarray:
-    """Return the numbers of nodes that a user gives, as an array; all ``n`` of them for None."""
+    """Return the user's node numbers as an array; all ``n`` for None."""
     numbers = np.arange(n) if numbers is None else np.asarray(numbers)
     if numbers.ndim != 1 or numbers.dtype.kind != "i" or not len(numbers) or numbers.min() < 0 or numbers.max() >= n:
         raise InputError(f"{pathname}: '{name}' are not numbers of nodes; give a list of integers from 0 to {n - 1}")
@@ -80,7 +79,7 @@ def finite_values(
     name: str,  # name, pathname: variable and component, for the message
     pathname: str,
 ) -> np.ndarray:
-    """Return an input after a look for numbers that are not finite."""
+    """Return an input after checking that all numbers are finite."""
     if not np.isfinite(vector).all():
         entry = int(np.argmin(np.isfinite(vector).ravel()))
         value = value_name(name, entry, vector.size)
@@ -120,16 +119,16 @@ class SparsePattern:
 
 
 def _keys(matrix: csr_array) -> np.ndarray:
-    """Position of every entry of a matrix in its C order."""
+    """C-order position of every entry of a matrix."""
     rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
     return rows * matrix.shape[1] + matrix.indices
 
 
 class LastState:
-    """The state that was made last, which is made again only for other inputs."""
+    """The last state, made again only if the inputs change."""
 
-    # OpenMDAO runs a component and asks for products at the same inputs, many times over; a line search and finite
-    # differences come back to inputs, too.
+    # OpenMDAO runs a component and takes products at the same inputs many times over; line searches and finite
+    # differences return to earlier inputs, too.
 
     def __init__(self) -> None:
         self.points: list[np.ndarray] | None = None
@@ -138,8 +137,8 @@ class LastState:
     def at(
         self,
         points: Sequence[np.ndarray],  # the inputs
-        # makes the state of these, as separate arguments: copies, which it may keep. If it raises, the last state
-        # stays.
+        # makes the state from the inputs, passed as separate arguments: copies, which it may keep. If it raises, the
+        # last state stays.
         make: Callable,
     ) -> Any:  # what ``make`` returned
         """Return the state at inputs: the last one if it was made for them."""
@@ -150,7 +149,7 @@ class LastState:
 
 
 def add_product(
-    # inputs, d_inputs, d_outputs: OpenMDAO's inputs and linear vectors, which leave out what plays no part
+    # inputs, d_inputs, d_outputs: OpenMDAO's inputs and linear vectors, which omit irrelevant variables
     inputs: Vector,
     d_inputs: Vector,
     d_outputs: Vector,
@@ -158,11 +157,11 @@ def add_product(
     *,
     # takes a direction in every input, of shape (n, 3), and returns the change of the output, of shape (m, 3)
     jvp: Callable,
-    # takes the derivative with respect to the output, of shape (m, 3), and returns those with respect to every input,
-    # of shape (n, 3), or None for zero: a sequence of them, unless ``wrt`` is one name
+    # takes the derivative with respect to the output, of shape (m, 3), and returns the derivative with respect to each
+    # input, of shape (n, 3), or None for zero: a sequence of them, unless ``wrt`` is one name
     vjp: Callable,
     of: str,  # name of the output
-    # names of the inputs, in the order of ``jvp``. One that the component does not have gets the direction 0.
+    # names of the inputs, in the order of ``jvp``. An input that the component lacks gets the direction 0.
     wrt: str | Sequence[str],
 ) -> None:
     """Add the product of a Jacobian, or of its transpose, to the vectors of ``compute_jacvec_product``."""
@@ -181,12 +180,12 @@ def add_product(
 
 
 def direction_in(
-    d_inputs: Vector,  # d_inputs, inputs: OpenMDAO's linear vector, which leaves out what plays no part, and the inputs
+    d_inputs: Vector,  # d_inputs, inputs: OpenMDAO's linear vector, which omits irrelevant variables, and the inputs
     inputs: Vector,
     name: str,  # the input
 ) -> np.ndarray | float:
     """Return the direction in an input of ``compute_jacvec_product``."""
-    # Returns (n, 3), zeros where OpenMDAO leaves it out; the number 0 where the component has no such input.
+    # Returns (n, 3), zeros if OpenMDAO leaves it out; the number 0 if the component has no such input.
     if name in d_inputs:
         return d_inputs[name].reshape(-1, 3)
     return np.zeros((inputs[name].size // 3, 3)) if name in inputs else 0.0
@@ -202,7 +201,7 @@ def difference_step(
     net: np.ndarray,  # (..., 3), points (m); neighbours along any direction are joined by edges
 ) -> float:
     """Find the step (m) at which central differences with respect to all points of a net are most accurate."""
-    # See `central_step`; the length is that of the shortest edge.
+    # See `central_step`; the length is the shortest edge.
     points = net.reshape(-1, 3)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     edges = shortest_edges(points, [np.arange(len(points)).reshape(net.shape[:-1])], COLLAPSE_TOLERANCE * size)
@@ -210,26 +209,27 @@ def difference_step(
 
 
 def central_step(
-    size: float,  # size of the numbers that are rounded
+    size: float,  # magnitude of the numbers that are rounded
     length: float,  # length over which the function changes
 ) -> float:
     """Find the step at which central differences are most accurate."""
-    # Central differences lose ``eps size / step`` to rounding and ``(step / length)^2`` to truncation. Both are of the
-    # same size where the step is the cube root of ``eps size length^2``.
+    # Central differences lose ``eps size / step`` to rounding and ``(step / length)^2`` to truncation. They are equal
+    # when the step is the cube root of ``eps size length^2``.
     return float(np.cbrt(np.finfo(float).eps * size * length**2))
 
 
 class CheckedOnProcesses(CheckedAlongEdges):
-    """Part of a component whose processes depend on each other, for ``check_partials`` on several of them."""
+    """Mixin for components whose processes depend on each other, for ``check_partials`` on several processes."""
 
-    # OpenMDAO draws the directions of a check on every process by itself, and takes its dot products there. That is
-    # right for components of which every process has all, and for those here in one of three ways, `way_of_check`:
+    # OpenMDAO draws the directions of a check on each process separately, and takes its dot products there. That is
+    # right for components that every process has in full. Components of this class are checked in one of three ways,
+    # `way_of_check`:
     #
-    # - ``OWN``: from inputs that all processes have to outputs that they share. Each checks its own part, without the
-    #   sum over all processes that the reverse product is otherwise.
-    # - ``SAME``: all variables are the same on all processes, which work together. They take the same directions.
-    # - ``LEFT_OUT``: whatever needs sums over all processes. The check says so, and is left to one process, where the
-    #   derivatives are the same.
+    # - ``OWN``: from inputs that all processes have to distributed outputs. Each process checks its own part, without
+    #   the sum over all processes that the reverse product otherwise takes.
+    # - ``SAME``: all variables are the same on all processes, which compute jointly. They take the same directions.
+    # - ``LEFT_OUT``: whatever needs sums over all processes. The check says so and has to be run on one process, where
+    #   the derivatives are the same.
 
     way_of_check = LEFT_OUT
 
@@ -251,17 +251,17 @@ class CheckedOnProcesses(CheckedAlongEdges):
 
 
 class SparseComponent(CheckedOnProcesses, om.ExplicitComponent):
-    """Component with sparse partials, which ``check_partials`` checks along directions, as the matrix-free ones."""
+    """Component with sparse partials that ``check_partials`` checks along directions, like matrix-free components."""
 
-    # OpenMDAO cannot check along a direction where a pattern is declared: it takes one column after another. So the
-    # check sees products with the very entries that are declared, in the place of the declaration.
+    # OpenMDAO cannot check along a direction if a pattern is declared: it goes column by column. So the check sees
+    # products with the declared entries instead of the declaration.
 
     way_of_check = EACH
     _subjacs_info: dict
 
     def __init__(self, **options: Any):
         super().__init__(**options)
-        self.matrix_free = False  # OpenMDAO takes a component with products for one without entries
+        self.matrix_free = False  # OpenMDAO treats a component with products as one without entries
         self._entries: dict[tuple[str, str], tuple[np.ndarray, np.ndarray, Any]] = {}
 
     def check_partials(self, *arguments: Any, **options: Any) -> Any:
@@ -276,12 +276,12 @@ class SparseComponent(CheckedOnProcesses, om.ExplicitComponent):
     def declare_sparse(
         self, of: str, wrt: str, rows: np.ndarray, cols: np.ndarray, val: np.ndarray | float | None = None
     ) -> None:
-        """Declare entries that may differ from zero, in ``setup_partials``; where values are given, constant ones."""
+        """Declare entries that may differ from zero, in ``setup_partials``; they are constant if values are given."""
         self.declare_partials(of, wrt, rows=rows, cols=cols, val=val)
         self._entries[of, wrt] = rows, cols, val
 
     def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
-        """Apply the declared Jacobian or its transpose, for the check alone."""
+        """Apply the declared Jacobian or its transpose; used only by the check."""
         partials: dict[tuple[str, str], np.ndarray] = {}
         self.compute_partials(inputs, partials)
         for (of, wrt), (rows, cols, constant) in self._entries.items():
@@ -295,7 +295,7 @@ class SparseComponent(CheckedOnProcesses, om.ExplicitComponent):
 
 
 def refuse_complex_step(component: om.ExplicitComponent | om.ImplicitComponent) -> None:
-    """Refuse the complex steps of OpenMDAO, in a component whose kernels are real."""
+    """Refuse OpenMDAO's complex step in a component whose kernels are real."""
     if component.under_complex_step:
         raise InputError(
             f"{component.msginfo}: there is no complex step through it; its own derivatives are exact, or take "
@@ -307,8 +307,8 @@ def refuse_complex_step(component: om.ExplicitComponent | om.ImplicitComponent) 
 def failures_as_analysis_errors(
     component: om.ExplicitComponent | om.ImplicitComponent, kinds: tuple[type[Exception], ...] = (MovementError,)
 ) -> Iterator[None]:
-    """Raise errors of some kinds within as ``om.AnalysisError`` with the name of the component."""
-    # All processes of the component come here, make no collective call within, and raise together, see
+    """Raise errors of some kinds as ``om.AnalysisError`` with the name of the component."""
+    # All processes of the component enter, make no collective call inside, and raise together, see
     # `bspline_mdao.base.numerics.processes.together`.
     with together(component.comm), as_analysis_errors(component, kinds):
         yield
@@ -318,7 +318,7 @@ def failures_as_analysis_errors(
 def as_analysis_errors(
     component: om.ExplicitComponent | om.ImplicitComponent, kinds: tuple[type[Exception], ...] = (MovementError,)
 ) -> Iterator[None]:
-    """Raise errors of some kinds within as ``om.AnalysisError``, where all processes raise the same by themselves."""
+    """Raise errors of some kinds as ``om.AnalysisError``, if all processes raise the same anyway."""
     try:
         yield
     except kinds as error:
@@ -327,7 +327,7 @@ def as_analysis_errors(
 
 @contextmanager
 def each_for_itself(component: om.ExplicitComponent) -> Iterator[None]:
-    """Let every process of a component run it as if it were alone, with its own part of distributed variables."""
+    """Run a component on every process as if it were the only one, with its part of distributed variables."""
     comm = component.comm
     component.comm = ONE
     try:
@@ -351,7 +351,7 @@ def fails_together(method: Method) -> Method:
 
 
 def by_parts(apply: Callable, *directions: np.ndarray | float) -> Any:
-    """Apply a linear map of real arrays to arrays that may be complex, under complex step: to both parts of them."""
+    """Apply a real linear map to arrays that may be complex under complex step: to real and imaginary parts."""
     if any(map(np.iscomplexobj, directions)):
         real, imaginary = ([np.ascontiguousarray(part(x)) for x in directions] for part in (np.real, np.imag))
         return apply(*real) + 1j * apply(*imaginary)

@@ -1,4 +1,4 @@
-"""The control mesh behind its moved surface, as an OpenMDAO component."""
+"""Control mesh deformation driven by the moved surface, as an OpenMDAO component."""
 
 from __future__ import annotations
 
@@ -54,12 +54,11 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     """Move the control mesh with its surface, section III, with the exact derivative through all increments.
 
     The mover is an object of `bspline_mdao.core.movement`, or your own, see `bspline_mdao.core.movement.mover.Mover`.
-    Surface control points go exactly to their given positions, points on symmetry planes slide in them, and fixed ones
-    stay.
+    Surface control points move exactly to their given positions, points on symmetry planes slide in them, and fixed
+    points stay.
 
-    A control mesh may tangle while all cells of the grid stay valid, above all next to viscous walls. That is no error:
-    the log warns, and the constraint ``control_corner_ks > 0`` prevents tangling. `Quality` checks the cells of the
-    grid.
+    A control mesh may tangle while all grid cells stay valid, especially next to viscous walls. That is not an error: a
+    warning is logged, and the constraint ``control_corner_ks > 0`` prevents tangling. `Quality` checks the grid cells.
 
     ==========================  ======  ====================  =====  ===============================================
     name                        role    shape                 units  meaning
@@ -76,34 +75,33 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     Options
     -------
     mover : Mover
-        Its mesh defines what moves and how each point may move; `bspline_mdao.movers.moving_mesh` makes it from a
-        fitted model. Factors are kept for derivatives unless the mover has ``keep_factors`` or the problem is set up
-        with ``derivatives=False``.
+        Its mesh defines what moves and how; `bspline_mdao.movers.moving_mesh` makes the mesh from a fitted model.
+        Factors are kept for derivatives unless the mover has ``keep_factors`` or the problem is set up with
+        ``derivatives=False``.
     rho : float
-        Sharpness of ``control_corner_ks``: it is below the smallest corner triple product of n elements by at most
+        Sharpness of ``control_corner_ks``, which is below the smallest corner triple product of n elements by at most
         ln(8 n) / rho.
     certified : FittedModel, LocalModel or MeshModel, optional
-        Model that the mesh belongs to: refuse moves with which more elements of its splines are proved invalid, between
-        their control points as well, see `bspline_mdao.certify`.
+        The mesh's model, to refuse moves that make more of its spline elements provably invalid, also between control
+        points, see `bspline_mdao.certify`.
     processes : {"auto", "first", "all"}
-        Of several processes, which all get the same control points, who moves: the first one for all, the only one
-        with a factor; all together, which share the rows of the system (elasticity and springs); or the first one
-        where half of the memory that it has available holds the factors, and all together where it does not: "auto",
-        see `bspline_mdao.core.movement.shared`. `report` tells which it was.
+        Which of several processes move the mesh; all get the same control points. "first": the first process solves for
+        all and is the only one with a factor. "all": all processes share the rows of the system (elasticity and
+        springs). "auto": the first process if the factors fit in half of its available memory, otherwise all, see
+        `bspline_mdao.core.movement.shared`. `report` says which was used.
 
     Raises
     ------
     InputError
-        In ``setup``, if the mover is none, or rho not positive; in a run, under complex step.
+        In ``setup``, if the mover is invalid or rho is not positive; in a run, under complex step.
     om.AnalysisError
-        In a run or a product, if a number is not finite, if the mover cannot go on, or, with ``certified``, if the
-        splines fold.
-        Inputs that can be followed give the same control mesh afterwards as if nothing had happened.
+        In a run or a product, if a number is not finite, if the mover fails, or, with ``certified``, if the splines
+        fold. A later run with valid inputs gives the same control mesh as if nothing had happened.
 
     Notes
     -----
-    The control mesh is a function of the inputs alone, whatever was evaluated before. The number of increments is a
-    setting of the mover: another one is another function; `increments_for` finds it before a run.
+    The control mesh is a function of the inputs only, whatever was evaluated before. The number of increments is a
+    setting of the mover; changing it changes the function. `increments_for` finds a suitable number before a run.
 
     Examples
     --------
@@ -123,7 +121,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
 
     way_of_check = SAME
     is_linear = False
-    """False: the outputs depend on the inputs through the stiffness as well."""
+    """False: the outputs also depend on the inputs through the stiffness."""
 
     if TYPE_CHECKING:  # written by tools/write_signatures.py
 
@@ -153,7 +151,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
 
     @property
     def report(self) -> MovementReport | None:
-        """Report of the last move, increment by increment; None where there was none, or where it stopped half way."""
+        """Report of the last move, increment by increment; None if there was none or it stopped half way."""
         return None if self._last is None else self._last.movement.report
 
     @fails_together
@@ -172,23 +170,23 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         self.add_output(CONTROL_POINTS, val=mesh.points.ravel(), units="m")
         self.add_output(CONTROL_CORNER_KS, desc="bound of the corner triple products of the control mesh")
         check_along_edges(self, CONTROL_POINTS_INITIAL, mesh.point_lines, self.options["rho"])
-        # elements at walls are lower than their faces are wide, and the systems of movers lose two digits
+        # elements at walls are flat, and the movers' systems lose two digits
         lines, sharpness = mesh.surface_lines, 10.0 * self.options["rho"]
         check_along_edges(self, SURFACE_CONTROL_POINTS, lines, sharpness, digits=100.0)
 
     @property
     def moves_together(self) -> bool:
-        """Whether moves that are known ahead take less time together."""
+        """Whether moves known in advance take less time when made together."""
         return self.comm.size == 1 and goes_together(self._mover)
 
     @contextmanager
     def noting(self) -> Iterator[list[Request]]:
-        """Note the moves that runs within ask for: initial points and surface, each (n, 3). Runs end there.
+        """Note the moves that runs inside request, as initial points and surface, each (n, 3), and end the runs there.
 
         Raises
         ------
         om.AnalysisError
-            In ``compute``, where a move is noted.
+            In ``compute``, once a move is noted.
         """
         self._noted = []
         try:
@@ -197,14 +195,14 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
             self._noted = None
 
     def move_ahead(self, requests: Sequence[Request]) -> None:
-        """Make moves together that runs are going to ask for.
+        """Make several moves together before runs request them.
 
-        Each of them serves one run, and those that none asks for are forgotten in the next call.
+        Each move serves one run; unused moves are discarded in the next call.
 
         Parameters
         ----------
         requests : sequence of (ndarray, ndarray)
-            From `noting`. What begins at other initial points than the first is left to its run.
+            From `noting`. Moves with initial points other than the first's are made by their own runs.
         """
         self._ahead = []
         alike = [request for request in requests if np.array_equal(request[0], requests[0][0])]
@@ -214,7 +212,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
             self._ahead = list(zip(alike, movements))
 
     def compute(self, inputs: Vector, outputs: Vector) -> None:
-        """Move the control mesh, unless that was done for these inputs."""
+        """Move the control mesh, unless it was already moved for these inputs."""
         if self._noted is not None:
             self._noted.append(tuple(inputs[name].reshape(-1, 3).copy() for name in INPUTS))
             raise om.AnalysisError(f"{self.msginfo}: the move is noted")
@@ -237,7 +235,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
                 add_product(inputs, d_inputs, bar, mode, jvp=jvp, vjp=vjp, of=CONTROL_POINTS, wrt=INPUTS)
 
     def _move_at(self, inputs: Vector) -> _Move:
-        """Move for these inputs: the last one if it was made for them."""
+        """Return the move for these inputs, reusing the last one if it fits."""
         with failures_as_analysis_errors(self):
             refuse_complex_step(self)
             initial, surface = (finite_points(inputs[name], name, self.msginfo) for name in INPUTS)
@@ -250,14 +248,14 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
                 self._start = getattr(movement, "start", None)
                 self._last = last = _Move(initial.copy(), surface.copy(), movement, self._corners)
             if self.options["certified"] is not None and not is_there:
-                self._last = None  # a design that is refused is moved again where it is asked for again
+                self._last = None  # a refused design is moved again if requested again
                 require_valid_splines(self.options["certified"], last.movement.points)
                 self._last = last
         self._warn(last.movement.report)
         return last
 
     def _move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
-        """Move, by whichever processes are to, unless that was done ahead."""
+        """Move on the processes chosen for it, unless the move was made ahead."""
         for n, (request, movement) in enumerate(self._ahead):
             if np.array_equal(request[0], initial) and np.array_equal(request[1], surface):
                 del self._ahead[n]
@@ -269,13 +267,13 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         return self._shared.move(initial, surface, **self._options_at(initial))
 
     def _options_at(self, initial: np.ndarray) -> dict:
-        """Options of a move: the factor of its initial points where that is there."""
+        """Options of a move: the factor at its initial points if available."""
         if self._start is not None and not np.array_equal(self._start.points, initial):
             self._start = None  # its memory serves the next one
         return {} if self._start is None else {"start": self._start}
 
     def _warn(self, report: MovementReport) -> None:
-        """Tell of a control mesh or lattice that tangles, where that of the design before did not."""
+        """Warn of a control mesh or lattice that tangles, if the previous design's did not."""
         was_tangled, tangling = self._is_tangled, report.tangling
         self._is_tangled = bool(tangling)
         if tangling and not was_tangled and self.comm.rank == 0:
@@ -290,7 +288,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
 
 
 def mesh_of(mover: Mover, pathname: str) -> MovingMesh:
-    """Mesh of a mover; `InputError` where it is none."""
+    """Mesh of a mover; `InputError` if it is not a mover."""
     mesh = getattr(mover, "mesh", None)
     if mesh is None or not callable(getattr(mover, "move", None)):
         raise InputError(f"{pathname}: {mover!r} is no mover; give an object with mesh and move")
@@ -315,14 +313,14 @@ class _Move:
         return np.array_equal(initial, self.initial) and np.array_equal(surface, self.surface)
 
     def add_change(self, d_outputs: Vector, d_points: np.ndarray) -> None:
-        """Add the changes of the outputs with that of the moved points, shape (n_points, 3)."""
+        """Add the changes of the outputs due to a change of the moved points, shape (n_points, 3)."""
         if CONTROL_POINTS in d_outputs:
             d_outputs[CONTROL_POINTS] += d_points.ravel()
         if CONTROL_CORNER_KS in d_outputs:
             d_outputs[CONTROL_CORNER_KS] += (self.gradient * d_points).sum()
 
     def points_bar(self, d_outputs: Vector) -> np.ndarray:
-        """Derivative with respect to the moved points, flat, from those with respect to the outputs."""
+        """Derivative with respect to the moved points, flat, from the derivatives with respect to the outputs."""
         bar = d_outputs[CONTROL_POINTS] if CONTROL_POINTS in d_outputs else np.zeros(self.movement.points.size)
         if CONTROL_CORNER_KS in d_outputs and d_outputs[CONTROL_CORNER_KS].any():
             bar = bar + d_outputs[CONTROL_CORNER_KS] * self.gradient.ravel()

@@ -1,6 +1,6 @@
-"""The surface of a fitted grid that is designed, and what is made for it: one object to start from.
+"""The design surface of a fitted grid and the objects made for it: one place to start.
 
-Mesh, surface, axis, parametrization and the group `GridMovement` have to be of one model and of one design surface.
+Mesh, surface, axis, parametrization and the group `GridMovement` must share one model and one design surface.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ __all__ = ["DesignSurface"]
 class DesignSurface(OneLine):
     """The design surface of a fitted grid, with its control mesh, nodes, axis and edges. Made by `of`.
 
-    Its attributes are the objects that one would make by hand from the same model and patches:
+    Its attributes are the objects otherwise made by hand from the same model and patches:
 
     ===================  ===============================================================================================
     attribute            is
@@ -47,10 +47,10 @@ class DesignSurface(OneLine):
     ``mesh``             ``moving_mesh(model, design)``: the control mesh that moves
     ``surface``          ``SurfaceGrid.of(model, design)``: the nodes that are measured
     ``axis``             ``ReferenceAxis.of(mesh)``: the quarter chord; `axis_at` for another part of the chord
-    ``leading_edge``     points of the edges of sections across the span, as in ``Thickness.grid``; of a wing that
-    ``trailing_edge``    starts at a fuselage, from where sections are whole
-    ``planform_area``    area of ``surface`` seen along the normal to its planform (m^2): that of the half wing, if the
-                         grid shows one half
+    ``leading_edge``     points on the edges of sections across the span, as in ``Thickness.grid``; for a wing that
+    ``trailing_edge``    starts at a fuselage, from where sections are complete
+    ``planform_area``    area of ``surface`` seen along the normal to its planform (m^2): half the wing's if the grid
+                                                  shows one half
     `part`               some of its patches, for variables and measures of their own
     `parametrization`    ``Parametrization(mesh, variables, constraints)``
     `grid_movement`      ``GridMovement(model=model, parametrization=..., measures=...)``
@@ -59,13 +59,13 @@ class DesignSurface(OneLine):
     Parameters
     ----------
     model : FittedModel, LocalModel or MeshModel
-        The fitted grid, or an unstructured mesh, or the part of one of several processes.
+        The fitted grid, an unstructured mesh, or one process's part of it.
     mesh : MovingMesh
         Its control mesh.
     surface : SurfaceGrid
         The nodes of the design surface.
     control_mesh : MovingMesh, optional
-        The control mesh, where ``mesh`` has the nodes of the surface instead, see `of_nodes`.
+        The control mesh, if ``mesh`` has the surface nodes instead, see `of_nodes`.
 
     Examples
     --------
@@ -100,7 +100,7 @@ class DesignSurface(OneLine):
         Parameters
         ----------
         model : FittedModel, LocalModel or MeshModel
-            The fitted grid, or an unstructured mesh, or the part of one of several processes.
+            The fitted grid, an unstructured mesh, or one process's part of it.
         design : str or sequence of str, optional
             Patches by name or pattern (``"wing*"``); all walls by default.
         fixed, released, sliding
@@ -128,10 +128,10 @@ class DesignSurface(OneLine):
         released: str | Sequence[str] = (),
         sliding: Sliding = (),
     ) -> DesignSurface:
-        """Take nodes of patches of a fitted grid as the design surface, in the place of its control points.
+        """Take the nodes of patches as the design surface, instead of their control points.
 
-        Variables move the nodes, the control points follow these, and the grid meets them exactly: so a wing slides on
-        a body with a `Junction`, and nodes on both are where variables put them.
+        Variables move the nodes, control points follow them, and the grid matches them exactly. So a wing can slide on
+        a body with a `Junction`, and the nodes on both are exactly where the variables put them.
 
         Parameters
         ----------
@@ -158,12 +158,12 @@ class DesignSurface(OneLine):
         Parameters
         ----------
         design : str or sequence of str
-            Patches by name or pattern (``"flap*"``), of those that are designed.
+            Design patches by name or pattern (``"flap*"``).
 
         Returns
         -------
         DesignSurface
-            Its axis, edges and nodes are those of the part: variables of it are moved as `OfPart`.
+            With axis, edges and nodes of the part; its variables move it as `OfPart`.
 
         Raises
         ------
@@ -186,12 +186,12 @@ class DesignSurface(OneLine):
         return self.axis_at(0.25)
 
     def axis_at(self, part: float, **options: Any) -> ReferenceAxis:
-        """Find the axis at another part of the chord: 0 is the leading edge, 1 the trailing edge.
+        """Find the axis at another fraction of the chord: 0 is the leading edge, 1 the trailing edge.
 
         Parameters
         ----------
         part : float
-            Part of the chord of every section.
+                        Fraction of the chord, the same in every section.
         **options
             ``n``, ``span`` and ``surface`` of `ReferenceAxis.of`.
 
@@ -228,7 +228,7 @@ class DesignSurface(OneLine):
     def parametrization(
         self, variables: Sequence[Variable], constraints: Sequence = (), junction: Junction | None = None
     ) -> Parametrization:
-        """Make design variables, and linear constraints among its control points, one parametrization of its mesh.
+        """Combine design variables, and linear constraints among control points, into one parametrization of its mesh.
 
         Parameters
         ----------
@@ -237,7 +237,7 @@ class DesignSurface(OneLine):
         constraints : sequence of LinearConstraint
             Handled by elimination.
         junction : Junction, optional
-            Where a wing slides on a body that keeps its shape; the design surface holds both.
+            Where a wing slides on a body that keeps its shape; the design surface contains both.
 
         Returns
         -------
@@ -258,7 +258,7 @@ class DesignSurface(OneLine):
         junction: Junction | None = None,
         **options: Any,
     ) -> GridMovement:
-        """Make the group that carries the grid along with design variables.
+        """Make the group that moves the grid with the design variables.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""The control points that belong to a grid, as an OpenMDAO component."""
+"""Control points fitted to a grid, as an OpenMDAO component."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ from .model_option import declare_model
 from .subdomains import WholeNodes, blocks_of, declare_partition
 
 LIVE_SHARPNESS = 1000.0
-"""Edges of the grid divided by lengths over which a live fit changes, for `check_along_edges`: chord lengths of
-neighbours that stand close together decide about knots, and knots about many control points."""
+"""Edges of the grid divided by lengths over which a live fit changes, for `check_along_edges`: chord lengths of close
+neighbours determine knots, and knots affect many control points."""
 
 
 class Fit(CheckedOnProcesses, om.ExplicitComponent):
-    """Fit control points to a grid, section II.D, by least squares or so that the control mesh stays valid.
+    """Fit control points to a grid, section II.D, by least squares or such that the control mesh stays valid.
 
-    With parameters and knots frozen at those of the model, the component is linear and says so (`is_linear`). Its
-    Jacobian is full, since every node has a say in every control point of its block, and is therefore only applied.
+    With the model's parameters and knots frozen, the component is linear (`is_linear`). Its Jacobian is dense, since
+    every node affects every control point of its block, so it is only applied, never stored.
 
     ==========================  ======  ====================  =====  ===============================================
     name                        role    shape                 units  meaning
@@ -55,26 +55,26 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
     ==========================  ======  ====================  =====  ===============================================
 
     On several processes ``grid_initial`` is distributed: each fits whole blocks, and control points are sent to all.
-    With ``live`` each process is sent all nodes, and does all of the fit: for grids that fit into the memory of one.
+    With ``live`` each process receives all nodes and computes the whole fit, so the grid must fit into the memory of
+    one process.
 
     Options
     -------
     model : FittedModel
         Fit of the baseline grid: topology, orders, numbers of control points, and the parameters and knots to freeze.
     partition : Partition, optional
-        Which blocks each process holds, none of them cut; by default
+        Which blocks each process has, none of them cut; by default
         ``Partition.of(model.topology, n, imbalance=math.inf)``.
     live : bool
-        Take parameters and edge knots from the input as well, and differentiate through them, so that a
-        grid generator upstream gets the exact total derivative. Where control points fall back on a
-        quasi-interpolant, its weights stay those of the model's own grid.
+        Compute parameters and edge knots from the input as well, and differentiate through them, so an upstream grid
+        generator gets the exact total derivative. Where control points fall back on a quasi-interpolant, its weights
+        remain those of the model's own grid.
 
     Raises
     ------
     InputError
-        In ``setup``, if ``live`` is asked of a model whose parameters are corrected or given or whose knots are the
-        user's own, or if the partition cuts a block or is of another number of processes; in a run, under complex step
-        with ``live``.
+        In ``setup``, if ``live`` is set for a model with corrected or given parameters or user-defined knots, or if the
+        partition cuts a block or has a different number of processes; in a run, under complex step with ``live``.
     om.AnalysisError
         In a run, if a node is not finite, or if the nodes cannot be fitted.
 
@@ -117,7 +117,7 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
         return not self.options["live"]
 
     def setup(self) -> None:
-        """Declare the variables, of the sizes of the model."""
+        """Declare the variables in the model's sizes."""
         model, comm = self.options["model"], self.comm
         with together(comm):
             partition = blocks_of(self)
@@ -173,12 +173,12 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
             products: dict[str, Callable[[np.ndarray], np.ndarray]] = {"jvp": jvp, "vjp": vjp}
         else:
             if mode == "fwd" and self.comm.size == 1 and GRID_INITIAL in d_inputs and not d_inputs[GRID_INITIAL].any():
-                return  # a grid that stays, under products of a whole problem
+                return  # the grid is constant, in products of a whole problem
             products = {"jvp": self._frozen.forward, "vjp": self._frozen.adjoint}
         add_product(inputs, d_inputs, d_outputs, mode, **products, of=CONTROL_POINTS_INITIAL, wrt=GRID_INITIAL)
 
     def _frozen_at(self, nodes: np.ndarray) -> np.ndarray:
-        """Control points of the frozen fit: of a design loop over one grid, which is fitted once."""
+        """Control points of the frozen fit; a design loop over one grid fits it once."""
         if self.comm.size > 1:  # whose operator all processes call, or none
             return by_parts(self._frozen.forward, nodes)
         return self._last.at([nodes], lambda nodes: by_parts(self._frozen.forward, nodes))

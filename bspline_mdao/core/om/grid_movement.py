@@ -55,58 +55,55 @@ class GridMovement(Copied, om.Group):
                                                                                           ``require_valid`` for that
     ==================  ================================================================  ============================
 
-    All inputs start at the values of the model, so the first run gives the baseline grid. Without a parametrization
-    ``surface_control_points`` is an input. With a ``surface``, the nodes of this surface are the input: control points
-    are fitted to them, and the wall of the grid is exactly there. With both, as in `DesignSurface.of_nodes`, design
-    variables move these nodes.
+    All inputs start at the model's values, so the first run gives the baseline grid. Without a parametrization
+    ``surface_control_points`` is an input. With a ``surface``, its nodes are the input: control points are fitted to
+    them, and the grid's wall matches them exactly. With both, as in `DesignSurface.of_nodes`, design variables move
+    these nodes.
 
     Options
     -------
     model : FittedModel, LocalModel or MeshModel
-        The fitted grid; or the part of one of several processes, which has no fit and takes no given surface nodes; or
-        an unstructured mesh, which has no fit either.
+        The fitted grid; or one process's part of it, which has no fit and takes no given surface nodes; or an
+        unstructured mesh, which has no fit either.
     parametrization : Parametrization, optional
         Design variables of the surface and the linear constraints among its control points.
     measures : sequence of Measure
-        What is measured, of one `SurfaceGrid` or several, such as the thickness of the wing and the volume of the
-        fuselage.
+        Measures of one `SurfaceGrid` or several, such as wing thickness and fuselage volume.
     mover : Mover, optional
-        Moves the control mesh of the model; by default `Rotations`, or the lattice of a mesh without structure,
-        on the mesh of the parametrization or with all walls as the design surface.
+        Moves the control mesh of the model; by default `Rotations`, or the lattice of an unstructured mesh, on the mesh
+        of the parametrization or with all walls as the design surface.
     surface : SurfaceGrid, optional
         Surface whose nodes are given: ``surface`` is an input.
     numbers : sequence of int, optional
         Which of these nodes are given; all by default.
     require_valid : bool
-        Refuse designs that invert cells of the grid which were valid on the baseline, whether or not there are bounds
-        of the quality, see `Quality`. Of a partition that is made of rows nobody knows the cells, and nothing is
-        refused. What the control mesh does is no reason, see `ControlMeshMove`.
+        Refuse designs that invert grid cells which were valid on the baseline, whether or not quality bounds are set,
+        see `Quality`. A partition made of rows has no known cells, so nothing is refused. A tangled control mesh is no
+        reason to refuse, see `ControlMeshMove`.
     comoving : bool
-        Let all that is fixed, such as the far field, go along with the rigid part of the surface's motion, see
-        `ComovingFrame`.
+        Move everything fixed, such as the far field, with the rigid part of the surface's motion, see `ComovingFrame`.
     certify : bool
-        Refuse designs with which more elements of the splines are proved invalid than on the baseline, between control
-        points as well, see `bspline_mdao.certify`.
+        Refuse designs that make more spline elements provably invalid than on the baseline, also between control
+        points, see `bspline_mdao.certify`.
     processes : {"auto", "first", "all"}
         Which of several processes move the control mesh, see `ControlMeshMove`.
     fit : bool, optional
-        Fit the control points to ``grid_initial``. Without it, ``control_points_initial`` is an input. By default they
-        are fitted on one process where they can be, and on several with ``live`` alone: there ``grid_initial`` is
-        distributed, and OpenMDAO wants such an input to be connected.
+        Fit the control points to ``grid_initial``. Without a fit, ``control_points_initial`` is an input. By default
+        they are fitted whenever possible on one process, and only with ``live`` on several, where ``grid_initial`` is
+        distributed and OpenMDAO requires such an input to be connected.
     partition : Partition or Subdomain, optional
-        Which nodes of the grid each process holds, see `GridEvaluate`; by default blocks are dealt out.
+        Which grid nodes each process has, see `GridEvaluate`; by default blocks are distributed.
     live : bool
         The grid changes upstream: differentiate through parameters and knots as well, see `Fit`.
     quality : bool or sequence of str
-        Measure the cells of the grid; which bounds are outputs where they are named, see `Quality`.
+        Measure the cells of the grid; a sequence names the bounds that are outputs, see `Quality`.
 
     Raises
     ------
     InputError
-        In ``setup``, if the mover or the parametrization is that of another model, if the two have different design
-        surfaces, if the model does not say what moves, if ``live`` is asked
-        for without ``fit``, or a ``surface`` together with a parametrization, with ``live``, or with measures of
-        another one.
+        In ``setup``, if the mover or the parametrization belongs to another model, if they have different design
+        surfaces, if the model does not say what moves, if ``live`` is set without ``fit``, or if a ``surface`` is
+        combined with a parametrization, with ``live``, or with measures of another surface.
 
     Examples
     --------
@@ -206,7 +203,7 @@ class GridMovement(Copied, om.Group):
             self._add("quality", Quality(**common, **bounds, require_valid=is_judged))
 
     def _require_alone(self, surface: SurfaceGrid) -> None:
-        """Refuse what does not go together with nodes of a surface that are given."""
+        """Refuse options that conflict with given surface nodes."""
         parametrization, by_nodes = self.options["parametrization"], self._moves_nodes
         if parametrization is not None and not (
             by_nodes and np.array_equal(parametrization.mesh.points, surface.points)
@@ -227,12 +224,12 @@ class GridMovement(Copied, om.Group):
 
     @property
     def _moves_nodes(self) -> bool:
-        """Whether the variables are of nodes of the surface, see `DesignSurface.of_nodes`."""
+        """Whether the variables move surface nodes, see `DesignSurface.of_nodes`."""
         parametrization = self.options["parametrization"]
         return self.options["surface"] is not None and parametrization is not None and not parametrization.mesh.blocks
 
     def _add_control(self, parametrization: Parametrization) -> None:
-        """Move control points of the surface by the variables, or nodes: then these are the surface that is given."""
+        """Move surface control points by the variables, or surface nodes, which are then the given surface."""
         if not self._moves_nodes:
             self._add("control", SurfaceControl(parametrization=parametrization))
             return

@@ -21,8 +21,8 @@ from .model_option import declare_model
 class InteriorControl(SparseComponent):
     """Move interior control points by design variables, one after the other; the surface stays.
 
-    The component is linear. Before a mover, promote ``control_points`` as ``control_points_initial`` of that, so that
-    surface and inside are designed together; without one, `GridEvaluate` takes ``control_points`` as they are.
+    The component is linear. Before a mover, promote ``control_points`` as its ``control_points_initial``, so surface
+    and interior are designed together; without one, `GridEvaluate` uses ``control_points`` directly.
 
     ==========================  ======  ====================  =====  ===============================================
     name                        role    shape                 units  meaning
@@ -42,12 +42,12 @@ class InteriorControl(SparseComponent):
     Attributes
     ----------
     shifts : dict of str to InteriorShift
-        After ``setup``: the bounds, and which points each value moves.
+        After ``setup``: the bounds and the points that each value moves.
 
     Raises
     ------
     InputError
-        In ``setup``, if two variables have one name or one that is taken, or one has no point to move.
+        In ``setup``, if a variable's name occurs twice or is taken, or if a variable has no point to move.
     om.AnalysisError
         In a run, if a value or a control point is not finite.
 
@@ -88,7 +88,7 @@ class InteriorControl(SparseComponent):
 
     @fails_together
     def setup(self) -> None:
-        """Declare the variables, of the sizes of the model."""
+        """Declare the variables in the model's sizes."""
         model, points = self.options["model"], self.options["model"].control_points
         variables = require_list(self.options["variables"], "variable", ("name", "bind"), self.msginfo)
         self.shifts = {}
@@ -103,7 +103,7 @@ class InteriorControl(SparseComponent):
 
     @fails_together
     def setup_partials(self) -> None:
-        """Declare the Jacobian once and for all."""
+        """Declare the constant Jacobian."""
         diagonal = np.arange(self.options["model"].control_points.size)
         self.declare_sparse(CONTROL_POINTS, CONTROL_POINTS_INITIAL, diagonal, diagonal, 1.0)
         for name, shift in self.shifts.items():

@@ -1,4 +1,4 @@
-"""The option ``model`` of systems, what case files of any recorder say of it, and copies of systems with it."""
+"""The option ``model`` of systems, its entry in case files of any recorder, and copies of systems with it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["Copied", "NamedModel", "declare_model", "named_model"]
 
 
 class NamedModel(NamedTuple):
-    """What a case file says of the model that was optimised."""
+    """A case file's entry about the optimised model."""
 
     checksum: str  # checksum of the model
-    file: str  # file that it was saved to or loaded from before the run; empty where it was neither
+    file: str  # file it was saved to or loaded from before the run; empty if neither
 
 
 class _InRecords:
-    """Text that names the model of a system, made when a recorder asks for it: saved by then, it has a file."""
+    """Text that names a system's model, made when a recorder requests it, since the model may be saved by then."""
 
     def __init__(self, options: OptionsDictionary):
         self._options = options
@@ -45,9 +45,9 @@ class _InRecords:
 
 
 class Copied:
-    """Part of systems that are copied and pickled with all of their options, before ``Problem.setup``."""
+    """Mixin for systems that are copied and pickled with all their options, before ``Problem.setup``."""
 
-    # OpenMDAO leaves out those that are not for recorders, such as models and meshes, which no system can do without.
+    # OpenMDAO leaves out unrecordable options, such as models and meshes, which every system needs.
 
     options: OptionsDictionary
     __signature__ = OptionSignature()
@@ -71,11 +71,11 @@ class Copied:
 
 def declare_model(
     system: om.System,  # the system
-    types: type | tuple[type, ...] = Movable,  # what it takes for a model
+    types: type | tuple[type, ...] = Movable,  # types it accepts as a model
     desc: str = "the fitted grid",  # what the model is
 ) -> None:
     """Declare the option ``model``, in ``initialize``, and one that names the model in case files."""
-    # The model itself is too large for them. OpenMDAO's recorders keep the other options of all systems.
+    # The model itself is too large for case files. OpenMDAO's recorders keep the other options of all systems.
     system.options.declare("model", types=types, recordable=False, desc=desc)
     _name_in_records(system.options)
 
@@ -88,7 +88,7 @@ def _name_in_records(options: OptionsDictionary) -> None:
 def named_model(
     options: Mapping[str, Mapping[str, object]],  # options of the systems by their names
 ) -> NamedModel | None:
-    """Find what the options of systems, as a case file has them, say of their model."""
-    # Returns of the first system that has a model; None where none has, or each process has a share of it alone.
+    """Find the model named in the options of systems in a case file."""
+    # Takes the first system that has a model; None if there is none, or if each process has only its part of it.
     texts = (str(of_system.get(IN_RECORDS) or "") for of_system in options.values())
     return next((NamedModel(*text.partition(" ")[::2]) for text in texts if text), None)

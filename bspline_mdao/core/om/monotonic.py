@@ -34,7 +34,7 @@ class Monotonic(SparseComponent):
     units : str, optional
         Their units.
     decreasing : bool
-        Take each value less the next one: 0 or more where the variable falls.
+        Subtract the next value from each: 0 or more where the variable falls.
 
     Raises
     ------
@@ -95,7 +95,7 @@ class Monotonic(SparseComponent):
 
     @fails_together
     def setup_partials(self) -> None:
-        """Declare the Jacobian once and for all."""
+        """Declare the constant Jacobian."""
         rows, cols, values = self._differences
         self.declare_sparse(self.output, self.options["variable"], rows, cols, values)
 

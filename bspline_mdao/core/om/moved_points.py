@@ -1,4 +1,4 @@
-"""What components have in common whose output is nodes that a map takes from points."""
+"""Common base of components whose output is nodes that a map computes from points."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class MovedPoints(CheckedAlongEdges, om.ExplicitComponent):
     # Its ``setup`` calls `_moves_by` once the map is known.
 
     def _moves_by(self, node_map: NodeMap, of: str, *wrt: str) -> None:
-        """Set the map, the name of the output, and those of the inputs in the order in which the map takes them."""
+        """Set the map and the names of output and inputs, in the order of the map's arguments."""
         self._map, self._of, self._wrt, self._last = node_map, of, wrt, LastState()
 
     def compute(self, inputs: Vector, outputs: Vector) -> None:

@@ -1,8 +1,8 @@
-"""Signatures of components, groups and drivers: their options, as they are declared.
+"""Signatures of components, groups and drivers, from their declared options.
 
-OpenMDAO makes them with ``**kwargs``, of which neither ``help`` nor an editor can tell a name. What a class declares in
-``initialize`` is known once it is made, so that the signature is read from there. Editors and type checkers, which run
-nothing, read what ``tools/write_signatures.py`` writes into the classes.
+OpenMDAO's constructors take ``**kwargs``, so neither ``help`` nor an editor knows the names. The options that a class
+declares in ``initialize`` are known once an object is made, so the signature is read from there. Editors and type
+checkers, which run nothing, read what ``tools/write_signatures.py`` writes into the classes.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from openmdao.utils.options_dictionary import _UNDEFINED
 __all__ = ["IN_RECORDS", "OptionSignature"]
 
 BASES = (Group, ImplicitComponent, ExplicitComponent, Component, Driver)
-"""Classes of OpenMDAO; the options of all that derive from one are behind ``**options``."""
+"""Classes of OpenMDAO; the options that subclasses inherit from one are covered by ``**options``."""
 
 IN_RECORDS = "model_in_records"
-"""Option that recorders keep, which is made by itself and no argument."""
+"""Option kept for recorders; it is set automatically and is not an argument."""
 
 
 class OptionSignature:
@@ -31,7 +31,7 @@ class OptionSignature:
 
     def __get__(self, instance: Any, owner: type) -> Signature:
         base = next((kind for kind in BASES if issubclass(owner, kind)), None)
-        if base is None:  # what is mixed in has no options of its own
+        if base is None:  # mixins have no options of their own
             raise AttributeError("__signature__")
         of_base = base().options._dict
         arguments = [

@@ -1,4 +1,4 @@
-"""Points of other disciplines that follow the shape, such as the nodes of a structure, as an OpenMDAO component.
+"""Points of other disciplines that follow the shape, such as structural nodes, as an OpenMDAO component.
 
 Theory: ``docs/theory/body_points.rst``, ``docs/theory/inversion.rst``.
 """
@@ -20,9 +20,9 @@ from .moved_points import MovedPoints
 
 
 class PointSet(MovedPoints):
-    """Move points that are not in the grid with the shape: spars, ribs and tanks inside the body, probes in the flow.
+    """Move points outside the grid with the shape: spars, ribs and tanks inside the body, probes in the flow.
 
-    Points inside the body depend on its walls only. If all points do, these are all variables:
+    Points inside the body depend only on its walls. If all points are inside, the variables are:
 
     ===============  ======  ============  =====  ======================================================================
     name             role    shape         units  meaning
@@ -31,8 +31,8 @@ class PointSet(MovedPoints):
     ``points``       output  (3 n)         m      the points, under the name ``name``, xyz interleaved
     ===============  ======  ============  =====  ======================================================================
 
-    If some are in the volumes, the inputs instead of ``surface`` are these, or for an unstructured mesh
-    ``control_points`` alone:
+    If some are in the volumes, the inputs are these instead of ``surface``, or for an unstructured mesh only
+    ``control_points``:
 
     ==================  ======  ============  =====  ===================================================================
     name                role    shape         units  meaning
@@ -58,7 +58,7 @@ class PointSet(MovedPoints):
         In ``setup``, with the number of the first point that is neither in a volume nor in the body, and if there are
         several processes and points in the volumes: the grid is then distributed.
     om.AnalysisError
-        In a run, if an input is not finite, or if the surroundings of a wall node are turned inside out.
+        In a run, if an input is not finite, or if the surroundings of a wall node are inverted.
 
     Examples
     --------
@@ -103,7 +103,7 @@ class PointSet(MovedPoints):
 
     @fails_together
     def setup(self) -> None:
-        """Find what the points are embedded in, and declare the variables."""
+        """Embed the points and declare the variables."""
         model = self.options["model"]
         embedded = self._embedded = model.embed_points(self.options["points"], self.options["tolerance"])
         n_in_volume, n_points = len(embedded.in_volume), len(embedded.points)

@@ -33,10 +33,9 @@ CELL_QUALITY = "cell_quality"
 class Quality(CheckedOnProcesses, om.ExplicitComponent):
     """Measure the cells of a grid: smooth bounds for constraints, and optionally Q of every cell, Eq. (9).
 
-    The bounds never exceed the smallest value, so that ``quality_ks >= 0.01`` keeps every cell above 0.01. Q cannot see
-    a mirrored cell; ``corner_ks > 0`` or ``jacobian_ks > 0`` keeps every cell valid. At walls,
-    ``height_low_ks >= 0.95`` and ``height_high_ks <= 1.05`` keep the heights of all first cells, and with them y+,
-    within 5 % of the baseline's.
+    The bounds never exceed the smallest value, so ``quality_ks >= 0.01`` keeps every cell above 0.01. Q cannot detect a
+    mirrored cell; ``corner_ks > 0`` or ``jacobian_ks > 0`` keeps every cell valid. At walls, ``height_low_ks >= 0.95``
+    and ``height_high_ks <= 1.05`` keep all first cell heights, and with them y+, within 5 % of the baseline.
 
     ==================  ======  ===========  =====  ================================================================
     name                role    shape        units  meaning
@@ -47,19 +46,20 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
     ``cell_quality``    output  (n_cells,)          Q of every cell: blocks in order, each in C order of its cells
     ==================  ======  ===========  =====  ================================================================
 
-    On several processes ``grid`` and ``cell_quality`` are distributed: each has those of its subdomain of the grid. The
-    aggregates and the report are those of the whole grid, the same on all of them.
+    On several processes ``grid`` and ``cell_quality`` are distributed: each process has its subdomain's part. The
+    aggregates and the report cover the whole grid and are the same on all processes.
 
     Options
     -------
     model : FittedModel, LocalModel or MeshModel
-        The fitted grid, or the mesh. Its baseline decides which sign is right-handed and which corners have collapsed.
+        The fitted grid, or the mesh. Its baseline determines which sign is right-handed and which corners are
+        collapsed.
     partition : Partition or Subdomain, optional
-        Blocks that each process holds; by default those of the model if it is a subdomain of one, or else
+        Blocks of each process; by default the model's own if it is a subdomain of a partition, otherwise
         ``Partition.of(model.topology, n_processes)``.
     aggregates : sequence of str, optional
-        Which bounds are outputs. Those of heights, which need walls, are none by default. Cells of mixed kinds have
-        ``volume_ks``, of the pyramids from their middles to their faces, and the bounds of heights.
+        Which bounds are outputs. Height bounds, which need walls, are not among the defaults. Cells of mixed kinds have
+        ``volume_ks``, of the pyramids from cell centres to faces, and the height bounds.
     cells : bool
         Whether ``cell_quality`` is an output.
     rho : float
@@ -67,17 +67,16 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
     p : int
         Power of the p-norms.
     rho_height : float
-        Sharpness of the bounds of heights: they are off by at most ln(n) / rho_height for n nodes on walls, 0.01 for
-        22,000.
+        Sharpness of the height bounds: their error is at most ln(n) / rho_height for n wall nodes, 0.01 for 22,000.
     n_bins : int
         Bins of the distribution in `report`.
     require_valid : bool
-        Refuse grids with inverted cells that were valid on the baseline.
+        Refuse grids with inverted cells which were valid on the baseline.
 
     Raises
     ------
     InputError
-        In ``setup``, if an option cannot be used; in a run, under complex step.
+        In ``setup``, if an option is invalid; in a run, under complex step.
     om.AnalysisError
         In a run, if a node is not finite; with ``require_valid``, if a cell is inverted.
 
@@ -130,7 +129,7 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         self.options.declare("require_valid", types=bool, default=False, desc="refuse inverted cells")
 
     def setup(self) -> None:
-        """Declare the variables, of the sizes of the model."""
+        """Declare the variables in the model's sizes."""
         self._judge = self._made_judge()
         self._names = self._asked(self._judge)
         is_distributed = self.comm.size > 1
@@ -139,13 +138,13 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
             self.add_output(name, desc=AGGREGATES[name].meaning)
         if self.options["cells"]:
             self.add_output(CELL_QUALITY, shape=self._judge.n_cells, distributed=is_distributed)
-        sharpness = 10.0 * max(self.options["rho"], self.options["p"])  # bounds follow the worst of all corners
+        sharpness = 10.0 * max(self.options["rho"], self.options["p"])  # bounds follow the worst corner
         if any(AGGREGATES[name].is_of_heights for name in self._names):
             sharpness = max(sharpness, 10.0 * self.options["rho_height"])
         check_along_edges(self, GRID, self._judge.lines, sharpness)
 
     def _made_judge(self) -> CellJudge:
-        """Make what judges the cells; all processes refuse together what one refuses."""
+        """Make the judge of the cells; if one process refuses, all refuse."""
         settings = {name: self.options[name] for name in ("rho", "p", "rho_height")}
         with together(self.comm):
             subdomain = subdomain_of(self)
@@ -193,9 +192,9 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
             d_inputs[GRID] += self._judge.vjp(nodes, values, GridValues(seeds, q_bar)).ravel()
 
     def report(self) -> Any:
-        """Report on the grid that the input holds: extremes, distribution of Q, inverted cells, heights at walls.
+        """Report on the grid in the input: extremes, distribution of Q, inverted cells, heights at walls.
 
-        All processes call it. Of cells without a Q there is no distribution, see `MixedReport`.
+        All processes must call it. Cells without a Q have no distribution, see `MixedReport`.
         """
         return self._judge.report(self.get_val(GRID).reshape(-1, 3), self.options["n_bins"])
 

@@ -52,17 +52,17 @@ class Ride(MovedPoints):
     hold_outside : bool
         Fix nodes that are farther outside.
     slides : sequence of Slide
-        Patches of the grid that slide on surfaces which are not planes, ``mesh.slides`` of the mesh that moves: nodes
-        there stay on these, see :doc:`/theory/sliding`.
+        Patches of the grid that slide on curved surfaces, ``mesh.slides`` of the mesh that moves: their nodes stay on
+        these, see :doc:`/theory/sliding`.
 
     Raises
     ------
     InputError
-        In ``setup``, if nodes are outside the grid, a marker does not exist, or nodes of walls are to be given and
+        In ``setup``, if nodes are outside the grid, if a marker does not exist, or if wall nodes are to be given and
         there are none.
     om.AnalysisError
-        In a run, if an input is not finite, if the surroundings of a wall node are turned inside out, or if the
-        boundary of the grid moves beside nodes that are held.
+        In a run, if an input is not finite, if the surroundings of a wall node are inverted, or if the boundary of the
+        grid moves next to fixed nodes.
 
     Examples
     --------
@@ -122,7 +122,7 @@ class Ride(MovedPoints):
 
     @fails_together
     def setup(self) -> None:
-        """Look for the nodes in the volumes, and declare the variables."""
+        """Locate the nodes in the volumes and declare the variables."""
         options = self.options
         model, mesh = options["model"], options["mesh"]
         chosen = {name: options[name] for name in ("walls", "tolerance", "hold_outside", "slides")}

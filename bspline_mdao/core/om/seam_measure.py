@@ -27,7 +27,7 @@ class SeamMeasure(SurfaceMeasure):
     Options
     -------
     measure : SeamSmoothness
-        What is measured, at which places.
+        What is measured and where.
 
     Raises
     ------

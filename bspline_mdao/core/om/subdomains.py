@@ -1,4 +1,4 @@
-"""Which nodes of a grid each process of a component holds: its model, and its option ``partition``."""
+"""Which grid nodes each process of a component has: its model, and its option ``partition``."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def declare_partition(component: om.ExplicitComponent) -> None:
 
 def subdomain_of(
     component: om.ExplicitComponent,
-) -> Subdomain | None:  # none where one process has all of the grid, in its order
-    """Take the nodes that this process holds, by the option ``partition`` or else by the option ``model``."""
+) -> Subdomain | None:  # None if one process has the whole grid, in its order
+    """Take the nodes of this process from the option ``partition``, or else from the option ``model``."""
     model, partition, n_ranks = component.options["model"], component.options["partition"], component.comm.size
     if partition is None:
         if model.ownership is not None:
@@ -46,13 +46,13 @@ def subdomain_of(
 
 
 def part_of_model(component: om.ExplicitComponent) -> Movable:
-    """Take what this process holds of the option ``model``: all of it where `subdomain_of` gives none."""
+    """Take this process's part of the option ``model``: all of it if `subdomain_of` gives none."""
     model, subdomain = component.options["model"], subdomain_of(component)
     return model if subdomain is None else model.part(subdomain)
 
 
 def blocks_of(component: om.ExplicitComponent) -> Partition:
-    """Take the partition of a component that needs whole blocks: its option, or one that cuts none."""
+    """Take the partition of a component that needs whole blocks: its option, or a default that cuts no block."""
     topology, partition, n_ranks = (
         component.options["model"].topology,
         component.options["partition"],
@@ -71,7 +71,7 @@ def blocks_of(component: om.ExplicitComponent) -> Partition:
 
 @dataclass(frozen=True, eq=False)
 class WholeNodes:
-    """Nodes of a whole grid on every process, from those that each holds: for maps that need all of them."""
+    """Nodes of the whole grid gathered on every process, for maps that need all of them."""
 
     comm: Any  # the processes
     rows: tuple[np.ndarray, ...]  # of int, rows in the grid vector of the nodes of each process
@@ -82,7 +82,7 @@ class WholeNodes:
         return cls(comm, tuple(partition.subdomain(rank).rows for rank in range(partition.n_ranks)))
 
     def gather(self, nodes: np.ndarray) -> np.ndarray:
-        """Nodes of the grid, shape (n_nodes, 3), from those of each process, shape (n, 3)."""
+        """Nodes of the grid, shape (n_nodes, 3), from the nodes of each process, shape (n, 3)."""
         if self.comm.size == 1:
             return nodes
         whole = np.empty((sum(map(len, self.rows)), 3), nodes.dtype)
@@ -91,5 +91,5 @@ class WholeNodes:
         return whole
 
     def local(self, whole: np.ndarray) -> np.ndarray:
-        """Nodes of this process, shape (n, 3), out of those of the grid."""
+        """Nodes of this process, shape (n, 3), from the nodes of the grid."""
         return whole if self.comm.size == 1 else whole[self.rows[self.comm.rank]]

@@ -27,8 +27,8 @@ from .component import (
 class SurfaceControl(SparseComponent):
     """Move the surface control points by design variables: free-form, planform, or your own.
 
-    The variables of a `Parametrization` are inputs by their names, and move nothing at their initial values. Linear
-    constraints among the control points are eliminated, so any values satisfy them.
+    The variables of a `Parametrization` are inputs under their names, and move nothing at their initial values. Linear
+    constraints among the control points are eliminated, so all values of the variables satisfy them.
 
     ==========================  ======  ====================  =====  ===============================================
     name                        role    shape                 units  meaning
@@ -88,7 +88,7 @@ class SurfaceControl(SparseComponent):
 
     @fails_together
     def setup(self) -> None:
-        """Declare the variables, of the sizes of the parametrization."""
+        """Declare the variables in the sizes of the parametrization."""
         parametrization = self.options["parametrization"]
         mesh = parametrization.mesh
         for variable in parametrization.variables:
@@ -101,7 +101,7 @@ class SurfaceControl(SparseComponent):
 
     @fails_together
     def setup_partials(self) -> None:
-        """Declare what may differ from zero."""
+        """Declare the entries that may differ from zero."""
         pattern, ids = self.options["parametrization"].pattern, self.options["parametrization"].mesh.surface_ids
         columns = (3 * ids[:, None] + [0, 1, 2]).ravel()
         self._sparse = {key: SparsePattern.of(matrix) for key, matrix in _parts(pattern) if matrix.nnz}
@@ -136,7 +136,7 @@ class SurfaceControl(SparseComponent):
 
 
 def _parts(partials: SurfacePartials) -> Iterator[tuple[tuple[str, str], csr_array]]:
-    """Matrices of the surface and of hinges, by the names of outputs and inputs."""
+    """Matrices of the surface and of hinges by output and input names."""
     for of, found in {SURFACE_CONTROL_POINTS: partials, **partials.hinges}.items():
         for wrt, matrix in {CONTROL_POINTS_INITIAL: found.initial, **found.values}.items():
             yield (of, wrt), matrix

@@ -32,9 +32,9 @@ from .model_option import declare_model
 class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
     """Let the surface control points follow surface nodes smoothly, and rigid motions exactly.
 
-    They are a quasi-interpolant of the nodes, which does not swing about kinks as least squares do. What control points
-    miss of the nodes is left to `GridEvaluate`, which puts these exactly where they are asked to be. Control points on
-    planes of symmetry stay in them. See `bspline_mdao.core.fit.surface_fit`.
+    They are a quasi-interpolant of the nodes, which does not oscillate at kinks as least squares do. `GridEvaluate`
+    corrects the remaining error and puts the nodes exactly at their given positions. Control points on symmetry planes
+    stay in them. See `bspline_mdao.core.fit.surface_fit`.
 
     ==========================  ======  =============  =====  ======================================================
     name                        role    shape          units  meaning
@@ -48,9 +48,9 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
     Options
     -------
     model : FittedModel or MeshModel
-        The fitted grid; or a mesh without structure, whose surface control points are the nodes themselves.
+        The fitted grid; or an unstructured mesh, whose surface control points are the nodes themselves.
     mesh : MovingMesh
-        Its control mesh, which says what is the design surface.
+        Its control mesh, which defines the design surface.
     surface : SurfaceGrid
         Which nodes.
     numbers : sequence of int, optional
@@ -59,9 +59,9 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
     Raises
     ------
     InputError
-        In ``setup``, if the nodes do not determine the control points, or depend on others than those.
+        In ``setup``, if the nodes do not determine the control points, or also depend on others.
     om.AnalysisError
-        In a run, if a node is not finite, or leaves a plane of symmetry.
+        In a run, if a node is not finite or leaves a symmetry plane.
 
     Examples
     --------
@@ -107,9 +107,9 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
 
     @property
     def miss(self) -> SurfaceMiss | None:
-        """Distances of the nodes of the last run from those of the control points alone; None before any.
+        """Distances between the nodes of the last run and the control points' surface; None before any run.
 
-        Also None where control points are nodes, and nothing is missed.
+        Also None if control points are nodes, so there is no error.
         """
         if self._last.points is None:
             return None
@@ -119,7 +119,7 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
 
     @fails_together
     def setup(self) -> None:
-        """Declare the variables, of the sizes of the mesh and the surface."""
+        """Declare the variables in the sizes of the mesh and the surface."""
         model, mesh, surface = (self.options[name] for name in ("model", "mesh", "surface"))
         self._numbers = as_node_numbers(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
         self._last, self._map = LastState(), SurfaceMap.of(model, mesh, surface)
@@ -132,7 +132,7 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
 
     @fails_together
     def compute(self, inputs: Vector, outputs: Vector) -> None:
-        """Let the control points follow, and log what they miss, for those who ask for information."""
+        """Fit the control points, and log their error at level INFO."""
         followed = self._followed(inputs)
         outputs[SURFACE_CONTROL_POINTS] = followed.control_points.ravel()
         if self.under_complex_step:
@@ -157,7 +157,7 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
         return self._follower.at(nodes)
 
     def _require_in_planes(self, nodes: np.ndarray) -> None:
-        """Refuse nodes that leave their planes of symmetry."""
+        """Refuse nodes that leave their symmetry planes."""
         for is_member, normal in self._planes:
             off = np.abs((nodes - self._follower.baseline)[is_member] @ normal)
             if off.max(initial=0.0) > PLANE_TOLERANCE * self.options["mesh"].size:

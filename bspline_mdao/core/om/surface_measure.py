@@ -34,7 +34,7 @@ class SurfaceMeasure(SparseComponent):
     Options
     -------
     measure : Measure
-        What is measured, on which surface.
+        What is measured and on which surface.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class SurfaceMeasure(SparseComponent):
 
     @fails_together
     def setup_partials(self) -> None:
-        """Declare what may differ from zero."""
+        """Declare the entries that may differ from zero."""
         measure = self.options["measure"]
         self._sparse = SparsePattern.of(measure.partials(self._baseline()))
         self.declare_sparse(measure.name, self.wrt, self._sparse.rows, self._sparse.cols)

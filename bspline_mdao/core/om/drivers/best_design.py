@@ -1,4 +1,4 @@
-"""The best design of a case file as the start of another run."""
+"""The best design of a case file, as the start of another run."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ __all__ = ["load_best"]
 
 
 def load_best(problem: om.Problem, cases: str | os.PathLike) -> int:
-    """Set the design variables of a problem to the best design that another run of it has recorded.
+    """Set the design variables of a problem to the best design recorded by another run.
 
-    That is the design of lowest objective among those that satisfy the present bounds and constraints of the problem,
-    or the design of least violation if there are none, however the other run ended.
+    The best design has the lowest objective of all that satisfy the problem's present bounds and constraints, or the
+    smallest violation if none does. It does not matter how the other run ended.
 
     Parameters
     ----------
     problem : openmdao.api.Problem
         A problem after ``setup``, with one objective.
     cases : path-like
-        Case file of a driver, such as a `CaseRecorder` writes.
+        Case file of a driver, for example from a `CaseRecorder`.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def load_best(problem: om.Problem, cases: str | os.PathLike) -> int:
     Raises
     ------
     InputError
-        If the file cannot be read, has no design that could be analysed, or is of other variables or responses.
+        If the file cannot be read, has no design that could be analysed, or has other variables or responses.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def load_best(problem: om.Problem, cases: str | os.PathLike) -> int:
 
 
 def _best(points: list[tuple[int, Point]], tolerance: float) -> tuple[int, Point]:
-    """The best one of numbered points."""
+    """The best of numbered points."""
     found = points[0]
     for each in points[1:]:
         found = each if each[1].is_better(found[1], tolerance) else found
@@ -93,7 +93,7 @@ def _best(points: list[tuple[int, Point]], tolerance: float) -> tuple[int, Point
 
 
 def _check_same(cases: str | os.PathLike, kind: str, there: Mapping[str, int], here: Mapping[str, int]) -> None:
-    """Refuse cases of other quantities, or of other numbers of values."""
+    """Refuse cases with other quantities or other numbers of values."""
     for name in [*here, *there]:
         if there.get(name) != here.get(name):
             counts = [f"{found[name]} value(s)" if name in found else "none" for found in (there, here)]

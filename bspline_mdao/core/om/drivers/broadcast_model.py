@@ -1,6 +1,6 @@
-"""One optimizer for the model of several processes: the first one decides, and all run the model when it says so.
+"""One optimizer for a model on several processes: the first process decides, and all run the model on its request.
 
-An optimizer on every process would have to take the same decisions everywhere, though times differ, and round-off may.
+With an optimizer on every process, all would have to decide alike, although times differ, and round-off may.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -18,7 +18,7 @@ __all__ = ["BroadcastModel", "run_broadcast"]
 
 
 class BroadcastModel:
-    """A model of several processes as the first one sees it: what it does, all do."""
+    """A model on several processes, driven by the first: every call is made on all."""
 
     def __init__(
         self,
@@ -36,11 +36,11 @@ class BroadcastModel:
         return self._lead("run", x)
 
     def keep(self) -> None:
-        """Keep the states of the last run, see `ScaledModel.keep`."""
+        """Store the states of the last run, see `ScaledModel.keep`."""
         self._lead("keep")
 
     def restore(self, x: np.ndarray) -> tuple[float, np.ndarray]:
-        """Run at the point (n,) whose states were kept, see `ScaledModel.restore`."""
+        """Run at the point (n,) whose states were stored, see `ScaledModel.restore`."""
         return self._lead("restore", x)
 
     def differentiate(self) -> np.ndarray:
@@ -52,16 +52,16 @@ class BroadcastModel:
         self._lead("place", x)
 
     def follow(self) -> None:
-        """Do what the first process does, on another one, until it ends."""
+        """Repeat the first process's calls on another process until it ends."""
         while True:
             name, arguments = self._comm.bcast(None, root=0)
             if name == END:
                 return
-            with suppress(Exception):  # the first process has it as well, and decides
+            with suppress(Exception):  # the first process gets it as well, and decides
                 self._do(name, *arguments)
 
     def end(self) -> None:
-        """Let the others go."""
+        """Release the other processes."""
         self._comm.bcast((END, ()), root=0)
 
     def _lead(self, name: str, *arguments: Any) -> Any:
@@ -69,7 +69,7 @@ class BroadcastModel:
         return self._do(name, *arguments)
 
     def _do(self, name: str, *arguments: Any) -> Any:
-        """Result of a method of the model, or what any process raised in it."""
+        """Result of a method of the model; raises whatever any process raised."""
         result = failure = None
         try:
             result = getattr(self._model, name)(*arguments)
@@ -82,15 +82,15 @@ class BroadcastModel:
 
 
 END = "end"
-"""What the first process says when it is done."""
+"""Message of the first process when it is done."""
 
 
 def run_broadcast(
     comm: Any,  # the processes of the model
     model: ScaledModel,  # the model
     task: Callable[[Any], Any],  # takes the model
-) -> Any:  # what the task returned, on all processes; what it raises, all raise
-    """Result of a task that the first process does with the model of all."""
+) -> Any:  # what the task returned, on all processes; all raise what it raises
+    """Result of a task that the first process runs with the model of all processes."""
     if comm.size == 1:
         return task(model)
     everywhere = BroadcastModel(model, comm)

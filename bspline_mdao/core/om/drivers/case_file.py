@@ -1,6 +1,6 @@
-"""Rows of case files: how many there are, and how those of one run come before those of the next.
+"""Rows of case files: counting them, and putting one run's rows before the next run's.
 
-OpenMDAO reads these files, and writes new ones; it has no call for either.
+OpenMDAO reads these files and writes new ones; it has no function for either task.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ COLUMNS = {
     "driver_iterations": (*_CASE, "inputs", "outputs", "residuals"),
     "driver_derivatives": (*_CASE, "derivatives"),
 }
-"""Columns of the tables of what a driver has recorded."""
+"""Columns of the tables recorded by a driver."""
 
 _PLAIN = re.compile(r"\s*CREATE\s+(TABLE|(UNIQUE\s+)?INDEX)\s[\w\s\"'`\[\](),.]*", re.IGNORECASE)
 _COMPUTED = re.compile(r"\b(AS|CHECK|DEFAULT|WHERE)\b", re.IGNORECASE)
@@ -35,8 +35,8 @@ _COMPUTED = re.compile(r"\b(AS|CHECK|DEFAULT|WHERE)\b", re.IGNORECASE)
 @contextmanager
 def opened_cases(
     file: str | os.PathLike,
-) -> Iterator[sqlite3.Connection]:  # the file, as it is; what a run that was killed has begun to write is taken back
-    """Open a case file that is whole, and in which nothing is computed: it has tables and indices alone."""
+) -> Iterator[sqlite3.Connection]:  # the file as it is; an unfinished write of a killed run is rolled back
+    """Open an intact case file that contains only tables and indices, and so computes nothing."""
     if not os.path.isfile(file):
         raise InputError(f"{file}: there is no such case file")
     try:
@@ -57,12 +57,12 @@ def opened_cases(
 
 
 def columns_of(connection: sqlite3.Connection, table: str) -> set[str]:
-    """Names of the columns of a table; none where it is not there."""
+    """Names of the columns of a table; none if the table does not exist."""
     return {row[1] for row in connection.execute(f"PRAGMA table_info({table})")}
 
 
 def count_cases(file: str | os.PathLike) -> int:
-    """Count the cases of a driver in a case file; there are none where a recorder had not begun, or is no file."""
+    """Count the driver cases in a case file; none if the recorder had not begun or there is no file."""
     if not os.path.isfile(file):
         return 0
     (table, *_) = COLUMNS
@@ -75,8 +75,8 @@ def count_cases(file: str | os.PathLike) -> int:
 def take_over(
     connection: sqlite3.Connection,  # A case file without cases
     earlier: str | os.PathLike,  # the other file
-) -> tuple[int, int]:  # number of cases; number with which iterations of the driver go on: cases may be missing
-    """Put the cases of another file into a new one, with times as if they had ended just now."""
+) -> tuple[int, int]:  # number of cases; number of the driver's next iteration: cases may be missing
+    """Copy the cases of another file into a new one, with times shifted as if they had ended just now."""
     with opened_cases(earlier):
         pass
     try:
@@ -108,8 +108,8 @@ def take_over(
 
 
 def names_with_runs(cases: list[Moment], gradients: list[Moment]) -> tuple[list[str], list[str]]:
-    """Names of cases and of gradients that tell the runs apart, each in its order."""
-    # Every run of a driver numbers its cases from 0, and of equal names OpenMDAO reads the first case alone.
+    """Names of cases and of gradients that distinguish the runs, each in its order."""
+    # Every run of a driver numbers its cases from 0, and OpenMDAO reads only the first of equal names.
     runs: list[int] = []
     seen: set[str] = set()
     for _, name in cases:
@@ -117,7 +117,7 @@ def names_with_runs(cases: list[Moment], gradients: list[Moment]) -> tuple[list[
         seen = {name} if name in seen else seen | {name}
     times = [moment for moment, _ in cases]
     of_gradients = []
-    for moment, name in gradients:  # each has the name of the case that comes next, if it comes
+    for moment, name in gradients:  # each has the name of the next case, if there is one
         following = bisect(times, moment)
         is_there = following < len(cases) and cases[following][1] == name
         of_gradients.append(f"run{runs[following if is_there else max(following - 1, 0)]}_{name}")

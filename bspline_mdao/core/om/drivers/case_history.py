@@ -1,6 +1,6 @@
-"""What a case file of OpenMDAO holds of an optimisation: values of all evaluations, limits, and how it converged.
+"""An optimisation as recorded in an OpenMDAO case file: values of all evaluations, limits, and convergence.
 
-The file alone suffices, whichever driver wrote it. First-order conditions are checked where derivatives are recorded
+Only the file is needed, whichever driver wrote it. First-order conditions are checked if derivatives are recorded
 (``driver.recording_options["record_derivatives"] = True``).
 
 Theory: ``docs/theory/drivers.rst``, "How a run ends".
@@ -31,19 +31,19 @@ FEASIBLE = 1e-6
 """Violation, in units of the driver, up to which a point counts as feasible: the default tolerance of `NLoptDriver`."""
 
 NO_LIMIT = 1e16
-"""Limits beyond this are none: OpenMDAO writes 1e30 for infinity."""
+"""Limits beyond this count as absent: OpenMDAO writes 1e30 for infinity."""
 
 TAKEN_BY = {"variable": "get_design_vars", "objective": "get_objectives", "constraint": "get_constraints"}
-"""Kinds of quantities, and what takes them from a case."""
+"""Kinds of quantities, and the methods that get them from a case."""
 
 
 class Convergence(NamedTuple):
     """Residuals and violations of the points of an optimisation, in units of the driver."""
 
     violations: np.ndarray  # (n,), largest violation of the constraints at every evaluation
-    differentiated: np.ndarray  # (m,) of int, evaluations that had a gradient, from 0
+    differentiated: np.ndarray  # (m,) of int, evaluations with a gradient, from 0
     residuals: np.ndarray  # (m,), residuals of the first-order conditions there
-    # (m, 1 + n_constraints, n_variables), totals of objective and constraints there; empty where there are none
+    # (m, 1 + n_constraints, n_variables), totals of objective and constraints there; empty if there are none
     totals: np.ndarray
 
 
@@ -52,11 +52,11 @@ class Quantity:
     """A design variable, an objective or a constraint."""
 
     name: str  # its name in the driver
-    kind: str  # which of them it is
-    # units, text: units and description of the variable of the model; empty where there are none
+    kind: str  # one of these kinds
+    # units, text: units and description of the model's variable; empty if there are none
     units: str
     text: str
-    # lower, upper, equals: (size,), limits in units of the model; infinite, and NaN for ``equals``, where there is none
+    # lower, upper, equals: (size,), limits in units of the model; infinite, and NaN for ``equals``, if there is none
     lower: np.ndarray
     upper: np.ndarray
     equals: np.ndarray
@@ -64,7 +64,7 @@ class Quantity:
     scaler: np.ndarray
     adder: np.ndarray
     values: np.ndarray  # (n, size), values of all evaluations in units of the model
-    # names of the values, such as ``twist[2]``: places are those in the variable of the model
+    # names of the values, such as ``twist[2]``, indexed as in the model's variable
     value_names: tuple[str, ...]
 
     def scaled(self, values: np.ndarray) -> np.ndarray:
@@ -72,40 +72,40 @@ class Quantity:
         return (values + self.adder) * self.scaler
 
     def violations(self, number: int) -> list[Violation]:
-        """The values of an evaluation that are beyond their limits."""
+        """Values of an evaluation beyond their limits."""
         is_open = np.isnan(self.equals)
         lower, upper = (np.where(is_open, limits, self.equals) for limits in (self.lower, self.upper))
         return violations_of(self.value_names, self.values[number], lower, upper, 1.0 / np.abs(self.scaler))
 
     def limits(self) -> Limits:
         """Limits as the driver sees them."""
-        lower, upper = self.scaled(self.lower), self.scaled(self.upper)  # a negative scaler turns them around
+        lower, upper = self.scaled(self.lower), self.scaled(self.upper)  # a negative scaler swaps them
         return Limits(self.name, np.minimum(lower, upper), np.maximum(lower, upper), self.scaled(self.equals))
 
 
 @dataclass(frozen=True, eq=False)
 class CaseHistory:
-    """All evaluations of a driver that a case file holds."""
+    """All evaluations of a driver in a case file."""
 
     driver: str  # name of the driver
     quantities: tuple[Quantity, ...]  # design variables, objectives and constraints, in this order
     seconds: np.ndarray  # (n,), wall time since the first evaluation (s)
-    convergence: Convergence | None  # violations and first-order residuals; None where there is no single objective
+    convergence: Convergence | None  # violations and first-order residuals; None unless there is one objective
     # (n,) of bool, whether the model could be run, with finite variables and objectives, and constraints that are
     # numbers
     has_run: np.ndarray
-    # the feasible evaluation with the lowest objective, or that with the least violation where none is feasible; the
-    # last one where there is no single objective
+    # the feasible evaluation with the lowest objective, or the one with the smallest violation if none is feasible; the
+    # last one unless there is one objective
     best: int
-    # other recorded outputs of the model that are numbers: for each name, the values by evaluation
+    # other numeric outputs recorded: for each name, the values by evaluation
     outputs: Mapping[str, Mapping[int, np.ndarray]]
-    # options of the systems of the model by their names, in the last run that is recorded
+    # options of the model's systems by name, in the last recorded run
     options: Mapping[str, Mapping[str, object]]
-    n_others: int  # evaluations of earlier runs that had other variables or responses, which are left out
+    n_others: int  # evaluations of earlier runs with other variables or responses, which are left out
 
     @property
     def n_evaluations(self) -> int:
-        """Evaluations of the model."""
+        """Number of evaluations of the model."""
         return len(self.seconds)
 
     def of_kind(self, kind: str) -> tuple[Quantity, ...]:
@@ -113,7 +113,7 @@ class CaseHistory:
         return tuple(quantity for quantity in self.quantities if quantity.kind == kind)
 
     def infeasible(self, number: int) -> str:
-        """Which limits an evaluation violates, and by how much, in words; empty where it satisfies all."""
+        """Describe which limits an evaluation violates and by how much; empty if it satisfies all."""
         return in_words([violation for quantity in self.quantities for violation in quantity.violations(number)])
 
     def statement(self) -> Statement:
@@ -121,15 +121,15 @@ class CaseHistory:
         return _statement(self.quantities)
 
     def scaled_points(self) -> list[Point]:
-        """All evaluations as the driver sees them; there has to be one objective."""
+        """All evaluations as the driver sees them; requires one objective."""
         return _points(self.quantities, self.n_evaluations)
 
 
 def read_history(
     file: str | os.PathLike,  # case file of ``om.SqliteRecorder``, attached to a driver
 ) -> CaseHistory:
-    """Read what a case file holds of an optimisation: all runs of drivers, one after the other."""
-    # Runs of other variables or responses than the last one are left out.
+    """Read an optimisation from a case file: all driver runs, one after the other."""
+    # Runs whose variables or responses differ from the last one's are left out.
     if not os.path.isfile(file):
         raise InputError(f"{file}: there is no such case file; a recorder writes into the problem's folder of outputs")
     try:
@@ -139,7 +139,7 @@ def read_history(
             found = _history(reader, names, sound.options) if names else None
     except InputError:
         raise
-    except Exception as error:  # of what is unpacked from bytes that are damaged
+    except Exception as error:  # from unpacking damaged bytes
         words = " ".join(str(error).split())[:160]
         raise InputError(f"{file}: is no case file that can be read ({words}); it may be damaged") from None
     if found is None:
@@ -151,14 +151,14 @@ def read_history(
 
 
 def _history(reader: BaseCaseReader, names: list[str], options: Mapping[str, Mapping[str, object]]) -> CaseHistory:
-    """What a reader finds in its cases."""
+    """History from the cases of a reader."""
     every = [reader.get_case(name) for name in names]
     rows = [{kind: getattr(case, take)(scaled=False) for kind, take in TAKEN_BY.items()} for case in every]
     n_others = _n_others(rows)
     cases = every[n_others:]
     settings = (reader.problem_metadata or {}).get("variables", {})
     version = tuple(int(part) for part in reader.openmdao_version.split(".")[:2])
-    outputs = reader._abs2meta  # OpenMDAO has no public name for sizes of what is not recorded
+    outputs = reader._abs2meta  # OpenMDAO has no public name for the sizes of unrecorded variables
     quantities = _quantities(cases[0], rows[n_others:], settings, outputs, is_scaled=version < (3, 44))
     convergence = _convergence(quantities, cases)
     stamps = np.array([case.timestamp for case in cases])
@@ -179,7 +179,7 @@ def _history(reader: BaseCaseReader, names: list[str], options: Mapping[str, Map
 
 
 def _n_others(rows: list[dict[str, dict]]) -> int:
-    """Number of the first cases, up to the last one that has other variables or responses than the very last."""
+    """Number of leading cases, up to the last one whose variables or responses differ from the final case's."""
     sizes = [{(kind, name): np.size(value) for kind, of in row.items() for name, value in of.items()} for row in rows]
     return next((n for n in range(len(sizes), 0, -1) if sizes[n - 1] != sizes[-1]), 0)
 
@@ -212,7 +212,7 @@ def _quantity(
     about: Mapping[str, Any],
     is_scaled: bool,
 ) -> Quantity:
-    """One quantity from its values and what the file says about it."""
+    """One quantity from its values and its metadata in the file."""
     size = values.shape[1]
 
     def numbers(key: str, absent: float) -> np.ndarray:
@@ -231,7 +231,7 @@ def _quantity(
 
 
 def _convergence(quantities: tuple[Quantity, ...], cases: list[Case]) -> Convergence | None:
-    """Violations of all points, and residuals of the first-order conditions where there are derivatives."""
+    """Violations of all points, and first-order residuals where there are derivatives."""
     designs, objectives, constraints = (
         [q for q in quantities if q.kind == kind] for kind in ("variable", "objective", "constraint")
     )
@@ -240,7 +240,7 @@ def _convergence(quantities: tuple[Quantity, ...], cases: list[Case]) -> Converg
     statement, points = _statement(quantities), _points(quantities, len(cases))
     violations = np.array([point.violation for point in points])
     found = []
-    for n, after in enumerate(cases[1:]):  # OpenMDAO files a gradient under the evaluation that comes next
+    for n, after in enumerate(cases[1:]):  # OpenMDAO stores a gradient under the next evaluation
         totals = after.derivatives
         if totals:
             rows = ([totals[q.name, wrt.name] for wrt in designs] for q in (*objectives, *constraints))
@@ -284,7 +284,7 @@ def _best(quantities: tuple[Quantity, ...], convergence: Convergence | None, has
 
 
 def _others(cases: list[Case], taken: set[str]) -> dict[str, dict[int, np.ndarray]]:
-    """Other recorded outputs that are numbers."""
+    """Other recorded numeric outputs."""
     found: dict[str, dict[int, np.ndarray]] = {}
     for n, case in enumerate(cases):
         for name in case.outputs.keys() if case.outputs is not None else ():

@@ -1,8 +1,8 @@
-"""Combinations of a design variable's values along which a response changes evenly: the scaling that optimisers need.
+"""Combinations of a design variable's values along which a response changes evenly, as scaling for optimizers.
 
-Optimisers take steps that are steepest in the variables that they are given, and learn curvatures one by one. Heights
-of control points change pressures the more the shorter the waves that they make together are, by factors of 10 to 1000;
-along the combinations of this module all change them alike.
+Optimizers take steepest steps in the given variables, and learn curvatures one by one. Control point heights change
+pressures more the shorter the wavelength they form together, by factors of 10 to 1000. Along the combinations of this
+module all changes have the same size.
 
 Theory: ``docs/theory/drivers.rst``, "Scaling of shapes".
 """
@@ -25,16 +25,16 @@ __all__ = ["combine", "even_combinations", "even_pressures"]
 
 
 def even_combinations(derivative: np.ndarray, least: float = 0.02) -> np.ndarray:
-    """Find combinations of values that change a response by one each, by orthogonal vectors.
+    """Find combinations of values that each change a response by one, along orthogonal vectors.
 
     Parameters
     ----------
     derivative : ndarray, shape (n_responses, n_values)
-        Derivative of the response, such as that of pressures times the roots of the areas that they act on. One forward
-        product of the model per value.
+        Derivative of the response, such as pressures times the square roots of the areas they act on. It takes one
+        forward product of the model per value.
     least : float
-        Singular values below this part of the largest count as that much: combinations that change the response
-        hardly at all stay bounded.
+        Singular values below this fraction of the largest are raised to it, so combinations that hardly change the
+        response stay bounded.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def even_combinations(derivative: np.ndarray, least: float = 0.02) -> np.ndarray
     Raises
     ------
     InputError
-        If the derivative is no finite matrix, or zero.
+        If the derivative is not a finite matrix, or is zero.
 
     Examples
     --------
@@ -70,28 +70,27 @@ def even_pressures(
     grid: str = GRID,
     linear_tolerance: float | None = None,
 ) -> np.ndarray:
-    """Find combinations of a variable along which the pressures on the walls change evenly, in the mean over the walls.
+    """Find combinations of a variable along which wall pressures change evenly, averaged over the walls.
 
     Parameters
     ----------
     problem : openmdao.api.Problem
-        Chain from the variable to one flow or several, in which the variable is an input. It is set up in forward mode
-        and run.
+        Chain from the variable, an input, to one or more flows. It is set up in forward mode and run.
     model : FittedModel
         The fitted grid of the flows.
     variable : str
         Name of the variable.
     pressures : iterable of str
-        Names of the outputs of pressure coefficients, as `EulerFlow` gives them; all count alike.
+        Names of the pressure coefficient outputs, as from `EulerFlow`; all have the same weight.
     grid : str
         Name of the grid that the flows are solved on.
     linear_tolerance : float, optional
-        Of the linear systems of the flows, by default their own; to 1e-6 they take half the products.
+        Tolerance of the flows' linear systems, by default their own; 1e-6 takes half the products.
 
     Returns
     -------
     ndarray, shape (n_values, n_combinations)
-        As of `even_combinations`: a unit of each changes the root mean square of the pressure coefficients by one.
+        As from `even_combinations`: a unit of each changes the root mean square of the pressure coefficients by one.
 
     Raises
     ------
@@ -118,7 +117,7 @@ def even_pressures(
         if linear_tolerance is not None and "linear_tolerance" in component.options:
             component.options["linear_tolerance"] = linear_tolerance
     names = list(pressures)
-    with warnings.catch_warnings():  # there is a linear solve for every value because that is what is asked for
+    with warnings.catch_warnings():  # one linear solve per value is intended here
         for category in (DerivativeModeWarning, om.DerivativesWarning):
             warnings.simplefilter("ignore", category)
         problem.run_model()
@@ -131,21 +130,21 @@ def even_pressures(
 
 
 def combine(name: str, combinations: np.ndarray, units: str | None = None) -> om.ExecComp:
-    """Make the component that gives a variable as a sum of combinations: ``combinations``, zero at first, is its input.
+    """Make a component that computes a variable from its input ``combinations``, zero at first.
 
     Parameters
     ----------
     name : str
         Name of the variable, which is zero on the baseline.
     combinations : ndarray, shape (n_values, n_combinations)
-        Such as those of `even_combinations`.
+        For example from `even_combinations`.
     units : str, optional
         Units of the variable.
 
     Returns
     -------
     openmdao.api.ExecComp
-        To be added in front of what takes the variable.
+        Add it before the subsystem that uses the variable.
 
     Examples
     --------

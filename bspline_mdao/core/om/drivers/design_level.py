@@ -1,8 +1,8 @@
-"""Levels of a design: from an optimum with few control points to a finer start, with all that is known.
+"""Design levels: from an optimum with few control points to a finer start, keeping what was learnt.
 
 The variables of a level are combinations of the values of a `CoarseNet`, along which the second derivatives of the
-Lagrangian are one as far as the level before has found them: the identity, with which a quasi-Newton method starts, is
-then what the one before ended with. Theory: ``docs/theory/progressive.rst``.
+Lagrangian are one, as far as the previous level has found them. So the identity with which a quasi-Newton method starts
+is the matrix with which the previous one ended. Theory: ``docs/theory/progressive.rst``.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from .scaled_model import ScaledModel
 __all__ = ["DesignLevel", "unused_gradient"]
 
 DAMPING = 0.2
-"""Part of the present curvature along a step that an update leaves at least: Powell's."""
+"""Smallest fraction of the present curvature along a step that an update keeps: Powell's."""
 
 
 def unused_gradient(problem: om.Problem, net: CoarseNet, surface: str = SURFACE_CONTROL_POINTS) -> np.ndarray:
     """Differentiate the Lagrangian with respect to all control points that a net combines.
 
-    Multipliers are the best ones for the variables of the problem. At an optimum of these the net can follow nothing of
-    this gradient but what bounds hold; what it cannot follow is what further knots are for. One reverse product for
-    the objective and each constraint.
+    The multipliers are the best ones for the problem's variables. At an optimum in these variables the net can follow
+    none of this gradient, except along active bounds; the rest is what further knots can use. It takes one reverse
+    product for the objective and one for each constraint.
 
     Parameters
     ----------
     problem : openmdao.api.Problem
-        A problem that has run, with any driver.
+        A problem that has run with any driver.
     net : CoarseNet
         The net.
     surface : str
@@ -49,7 +49,7 @@ def unused_gradient(problem: om.Problem, net: CoarseNet, surface: str = SURFACE_
     Returns
     -------
     ndarray, shape (n_all,)
-        In units of the driver per unit of the values of ``net.variable``.
+        Gradient, in driver units per unit of the values of ``net.variable``.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def unused_gradient(problem: om.Problem, net: CoarseNet, surface: str = SURFACE_
 
 @dataclass(frozen=True, eq=False)
 class DesignLevel(OneLine):
-    """A net with initial values, bounds, and the combinations that a driver varies. Made by `first`.
+    """A net with initial values, bounds, and the combinations varied by a driver. Made by `first`.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class DesignLevel(OneLine):
         unit: float = 1.0,
         metric: np.ndarray | None = None,
     ) -> DesignLevel:
-        """Make the first level, which starts at the baseline.
+        """Make the first level, starting at the baseline.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class DesignLevel(OneLine):
         lower, upper : float or array_like, shape (n_values,)
             Bounds of its values.
         unit : float
-            Size, by the metric, of a change of the values by a unit of any combination: that of a first step where the
+            Size in the metric of the change of values for a unit of any combination: the size of a first step if the
             gradient is one.
         metric : ndarray, shape (n_all, n_all), optional
             See `CoarseNet.where_to_refine`.
@@ -152,7 +152,7 @@ class DesignLevel(OneLine):
         Parameters
         ----------
         model : openmdao.api.Group
-            Model in which the values of the net are promoted by their name; what takes them is added afterwards.
+            Model in which the net's values are promoted by name; add the subsystem that uses them afterwards.
         """
         name, (n_values, n) = self.net.name, self.columns.shape
         combine = om.ExecComp(
@@ -169,27 +169,27 @@ class DesignLevel(OneLine):
             model.add_constraint(name, lower=self.lower, upper=self.upper)
 
     def refined(self, problem: om.Problem, knots: list[Knot], cases: str | os.PathLike | None = None) -> DesignLevel:
-        """Make the level that goes on from here with more knots.
+        """Make the next level, with more knots.
 
         Parameters
         ----------
         problem : openmdao.api.Problem
-            The problem of this level at its optimum.
+            This level's problem at its optimum.
         knots : list of (int, int)
-            What is inserted: `CoarseNet.halves` or `CoarseNet.where_to_refine`.
+            Knots to insert, from `CoarseNet.halves` or `CoarseNet.where_to_refine`.
         cases : path-like, optional
-            Case file of this level's run, with derivatives (``driver.recording_options["record_derivatives"]``): what
-            the driver has learnt of second derivatives is carried on. Without it, combinations are even by the metric.
+            Case file of this level's run, with derivatives (``driver.recording_options["record_derivatives"]``), to
+            carry over the second derivatives learnt by the driver. Without it, combinations are even in the metric.
 
         Returns
         -------
         DesignLevel
-            Of the same shape at its start, with bounds that it is within.
+            Level with the same shape at its start, within its bounds.
 
         Raises
         ------
         InputError
-            If the file is none of a run of this level, or has no derivatives.
+            If the file is not from a run of this level, or has no derivatives.
         """
         net = self.net.refine(knots)
         refinement = self.net.to(net)
@@ -208,7 +208,7 @@ def _evening(curvature: np.ndarray) -> np.ndarray:
 
 
 def _carried(coarse: np.ndarray, refinement: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Curvature on a finer net: that of the coarse one on its shapes, and of its mean size on those normal to them."""
+    """Curvature on a finer net: the coarse curvature on coarse shapes, its mean size on shapes normal to them."""
     on_coarse = refinement.T @ mass
     within = on_coarse @ refinement
     to_coarse = np.linalg.solve(within, on_coarse)
@@ -218,11 +218,9 @@ def _carried(coarse: np.ndarray, refinement: np.ndarray, mass: np.ndarray) -> np
 
 
 def _curvature_of(cases: str | os.PathLike, n: int) -> np.ndarray:
-    """Second derivatives of the Lagrangian in the combinations, in units of the driver, (n, n), from a run's gradients.
-
-    Updates of Broyden, Fletcher, Goldfarb and Shanno with Powell's damping, in the order of the run, with the
-    multipliers of its best point. A run that ended where it started has met none: they are one.
-    """
+    """Second derivatives (n, n) of the Lagrangian in the combinations, in driver units, from a run's gradients."""
+    # Updates of Broyden, Fletcher, Goldfarb and Shanno with Powell's damping, in the order of the run, with the
+    # multipliers of its best point. A run that ended where it started has no updates: the result is the identity.
     history = read_history(cases)
     found, variables = history.convergence, history.of_kind("variable")
     ends = dict(zip([q.name for q in variables], np.cumsum([q.values.shape[1] for q in variables])))
@@ -245,7 +243,7 @@ def _curvature_of(cases: str | os.PathLike, n: int) -> np.ndarray:
 
 
 def _updated(steps: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """Second derivatives from steps and changes of the gradient, both of shape (m, n)."""
+    """Second derivatives from steps and gradient changes, both of shape (m, n)."""
     along = np.einsum("kn,kn->k", steps, changes) / np.maximum(np.einsum("kn,kn->k", steps, steps), 1e-300)
     sizes = along[along > 0.0]
     matrix = np.eye(steps.shape[1]) * (np.exp(np.mean(np.log(sizes))) if len(sizes) else 1.0)

@@ -1,4 +1,4 @@
-"""Options of `NLoptDriver` under the names that SciPy's driver gives them, each put in NLopt's words or refused.
+"""Options of `NLoptDriver` under the names of SciPy's driver, translated to NLopt's or refused.
 
 Theory: ``docs/theory/drivers.rst``.
 """
@@ -22,7 +22,7 @@ NLOPT_NAME = {
     "fatol": "tol",
     "acc": "tol",
 }
-"""Options of this driver by what the methods of SciPy call them."""
+"""Options of this driver by their names in SciPy's methods."""
 
 REFUSED = {
     "eps": "gradients are exact, and there is no step",
@@ -38,30 +38,9 @@ REFUSED = {
 
 
 def translated(given: Mapping[str, Any], known: Iterable[str]) -> dict[str, Any]:
-    """Put what stands in ``opt_settings`` in the words of the driver.
-
-    Parameters
-    ----------
-    given : mapping
-        Settings by the driver's own names, or by SciPy's.
-    known : iterable of str
-        The driver's own names.
-
-    Returns
-    -------
-    dict
-        The same by the driver's own names.
-
-    Raises
-    ------
-    InputError
-        If a name is not known or has no counterpart, or two of them mean the same.
-
-    Examples
-    --------
-    >>> translated({"ftol": 1e-8, "maxfun": 200}, ["tol", "maxeval"])
-    {'tol': 1e-08, 'maxeval': 200}
-    """
+    """Translate ``opt_settings`` from SciPy's names, or the driver's ``known`` ones, to the driver's names."""
+    # {"ftol": 1e-8, "maxfun": 200} becomes {"tol": 1e-8, "maxeval": 200}. `InputError` if a name is unknown or has no
+    # counterpart, or if two names mean the same.
     known, found = set(known), {}
     for name, value in given.items():
         if name in REFUSED:

@@ -1,4 +1,4 @@
-"""The best design of a run, which drivers keep whatever ends it, and what they say of it.
+"""The best design of a run, which drivers keep whatever ends the run, and how they report it.
 
 Theory: ``docs/theory/drivers.rst``, "How a run ends".
 """
@@ -12,13 +12,10 @@ __all__ = ["KeptDesign"]
 
 
 class KeptDesign:
-    """What drivers share that keep their best point in ``best``.
+    """Common base of drivers that keep their best point in ``best``."""
 
-    Attributes
-    ----------
-    best : Point or None
-        The best point of the last run so far, in scaled variables: kept from the first point on, whatever ends the run.
-    """
+    # best: the best point of the last run so far, in scaled variables, None before the first. It is kept whatever ends
+    # the run.
 
     best: Point | None = None
     __signature__ = OptionSignature()
@@ -34,7 +31,7 @@ class KeptDesign:
         return self.best is not None and self.best.violation <= self.largest_violation
 
     def best_in_words(self, best: Point) -> str:
-        """Name the best point, for a run that did not end by itself."""
+        """Describe the best point, for a run that was interrupted."""
         limits = "is feasible" if self.is_feasible else f"violates constraints by up to {best.violation:.1e}"
         return (
             f"the best design so far has objective {best.objective:.10g} (scaled) and {limits}; it is kept in "

@@ -1,4 +1,4 @@
-"""Capabilities of each algorithm of NLopt, so that a problem is refused before it runs, naming those that would do.
+"""Capabilities of each NLopt algorithm, to refuse a problem before it runs and name suitable algorithms.
 
 Theory: ``docs/theory/drivers.rst``.
 """
@@ -23,29 +23,29 @@ class Algorithm:
 
     name: str  # its name in NLopt, for example ``"LD_SLSQP"``
     title: str  # its method in a few words
-    gradients: bool  # it asks for gradients
-    # it searches the whole box and ends only when its budget (evaluations, time or ``stopval``) is spent, unless it is
-    # multi-start
+    gradients: bool  # it uses gradients
+    # it searches the whole box and, unless it is multi-start, ends only when its budget (evaluations, time or
+    # ``stopval``) is spent
     is_global: bool
     # inequality, equality: it takes inequality, equality constraints
     inequality: bool = False
     equality: bool = False
-    bounds: BoundsUse = "taken"  # whether it takes bounds, needs finite ones on every variable, or knows none
+    bounds: BoundsUse = "taken"  # whether it takes bounds, needs finite ones on every variable, or takes none
     local_optimizer: Subsidiary = "none"  # whether it runs another algorithm inside
-    is_stochastic: bool = False  # it draws random numbers (option ``seed``)
-    recovery: Recovery = "worst"  # value that it is given where the model cannot be analysed, see `nlopt_rules`
+    is_stochastic: bool = False  # it uses random numbers (option ``seed``)
+    recovery: Recovery = "worst"  # value it is given if the analysis fails, see `nlopt_rules`
     min_variables: int = 1  # the fewest variables it works with
     is_compiled: bool = True  # false for names that NLopt lists and cannot run
 
     @property
     def hands_on_inequality(self) -> bool:
-        """Inequality constraints are handed on to the local optimizer."""
+        """Inequality constraints are passed on to the local optimizer."""
         return self.name.endswith("AUGLAG_EQ")
 
 
 @dataclass(frozen=True)
 class Needs:
-    """Requirements of a problem on an algorithm."""
+    """A problem's requirements of an algorithm."""
 
     n_variables: int  # number of design variables
     # inequality, equality: names of its inequality and equality constraints
@@ -56,13 +56,13 @@ class Needs:
     has_derivatives: bool = True  # whether the model was set up with derivatives
 
     def of_subsidiary(self, algorithm: Algorithm) -> Needs:
-        """Requirements on the algorithm that runs inside another one."""
+        """Requirements of the algorithm run inside another one."""
         inequality = self.inequality if algorithm.hands_on_inequality else ()
         return replace(self, inequality=inequality, equality=())
 
 
 def _local(name: str, title: str, **capabilities: Any) -> Algorithm:
-    """A local algorithm; its prefix tells whether it uses gradients."""
+    """A local algorithm; its prefix says whether it uses gradients."""
     return Algorithm(name, title, name.startswith("LD"), is_global=False, **capabilities)
 
 
@@ -77,7 +77,7 @@ def _line_search(name: str, title: str) -> Algorithm:
 
 
 def _lagrangian(name: str, title: str, local_optimizer: Subsidiary) -> Algorithm:
-    """An augmented Lagrangian, which takes every constraint whatever its local optimizer takes."""
+    """An augmented Lagrangian, which takes all constraints whatever its local optimizer takes."""
     return _local(name, title, inequality=True, equality=True, local_optimizer=local_optimizer, recovery="uphill")
 
 
@@ -136,7 +136,7 @@ _TABLE = (
 )
 
 ALGORITHMS: dict[str, Algorithm] = {algorithm.name: algorithm for algorithm in _TABLE}
-"""All algorithms by name, those for many variables and constraints first."""
+"""All algorithms by name, ones for many variables and constraints first."""
 
 
 def _quoted(names: tuple[str, ...]) -> str:
@@ -145,7 +145,7 @@ def _quoted(names: tuple[str, ...]) -> str:
 
 
 def missing(algorithm: Algorithm, needs: Needs) -> str | None:
-    """Name a lack of an algorithm for a problem, as the end of a sentence that begins with its name; None if none."""
+    """Say what an algorithm lacks for a problem, as the end of a sentence beginning with its name; None if nothing."""
     complaints = {
         "is not compiled into NLopt": not algorithm.is_compiled,
         "needs gradients, and the problem was set up with derivatives=False": algorithm.gradients
@@ -163,12 +163,12 @@ def missing(algorithm: Algorithm, needs: Needs) -> str | None:
 def suitable(
     needs: Needs,  # requirements of the problem
 ) -> tuple[Algorithm, ...]:
-    """Algorithms that would do for a problem, those for many variables and constraints first."""
+    """Algorithms suitable for a problem, ones for many variables and constraints first."""
     return tuple(algorithm for algorithm in _TABLE if missing(algorithm, needs) is None)
 
 
 def _alternatives(algorithm: Algorithm, needs: Needs, is_subsidiary: bool) -> str:
-    """Names of those that would do instead: local for local and simple for a subsidiary, if there are any."""
+    """Names of suitable alternatives: local ones for a local algorithm, simple ones for a subsidiary, if any."""
     others = [other for other in suitable(needs) if not (is_subsidiary and other.local_optimizer != "none")]
     of_its_kind = [other for other in others if other.is_global == algorithm.is_global]
     names = [other.name for other in of_its_kind or others]
@@ -176,7 +176,7 @@ def _alternatives(algorithm: Algorithm, needs: Needs, is_subsidiary: bool) -> st
 
 
 def find_algorithm(name: str, needs: Needs, *, is_subsidiary: bool = False) -> Algorithm:
-    """Find an algorithm by name, and see that it can do what a problem asks."""
+    """Find an algorithm by name, and check that it meets a problem's requirements."""
     algorithm = ALGORITHMS[name]
     lack = missing(algorithm, needs)
     if lack is not None:

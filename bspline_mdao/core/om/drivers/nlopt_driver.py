@@ -45,15 +45,15 @@ CITATION = """
 class NLoptDriver(KeptDesign, ShortRecords, Driver):
     """Optimise with any algorithm of NLopt.
 
-    After the run the model is at the best point found: the one of lowest objective among those that violate no
-    constraint by more than ``constraint_tolerance``, or the one of least violation if there are none. A run that ends
-    infeasible, is stopped from outside, or is a local search without convergence is reported as failure. Exceptions
-    other than ``om.AnalysisError`` are passed on with a note of the best point (Python 3.11 on), which stays in
-    ``best``; the design variables are set to it.
+    After the run the model is at the best point found: the lowest objective among points that violate no constraint by
+    more than ``constraint_tolerance``, or the smallest violation if there are none. A run that ends infeasible, is
+    stopped from outside, or is a local search without convergence is reported as a failure. Exceptions other than
+    ``om.AnalysisError`` are passed on with a note of the best point (from Python 3.11). The best point stays in
+    ``best``, and the design variables are set to it.
 
-    Options are NLopt's, in scaled variables; zero switches a stopping criterion off. Options of OpenMDAO's
-    ``ScipyOptimizeDriver`` are accepted too: ``tol``, ``maxiter``, ``disp`` and the dictionary ``opt_settings``, in
-    which ``ftol``, ``maxfun`` and others mean the same as in SciPy; options without a counterpart are an error.
+    Options are NLopt's, in scaled variables; zero disables a stopping criterion. Options of OpenMDAO's
+    ``ScipyOptimizeDriver`` are accepted too: ``tol``, ``maxiter``, ``disp`` and the dictionary ``opt_settings``, where
+    ``ftol``, ``maxfun`` and others mean the same as in SciPy; an option without a counterpart is an error.
 
     Recorders of the driver and of its problem leave out variables of more than 10,000 values, such as grids, unless
     ``recording_options["includes"]`` names them.
@@ -66,13 +66,13 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
     Attributes
     ----------
     opt_settings : dict
-        More options by the driver's names or by SciPy's, read when the run begins; they go before ``options``.
+        More options by the driver's names or by SciPy's, read when the run begins; they override ``options``.
     outcome : Outcome or None
         The end of the last run.
     best : Point or None
         The best point of the last run so far, see `bspline_mdao.core.om.drivers.kept_design`.
     n_failed_analyses, n_failed_gradients : int
-        Number of analyses that failed in the last run, and how many of them in the computation of totals.
+        Number of failed analyses in the last run, and how many of them failed in computing totals.
 
     Examples
     --------
@@ -263,14 +263,14 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
         return fail
 
     def _adopt_settings(self) -> None:
-        """Make options of ``opt_settings``."""
+        """Set options from ``opt_settings``."""
         for name, value in translated(self.opt_settings, [name for name, _ in self.options.items()]).items():
             self.options[name] = value
 
     def _optimise(
         self, model: ScaledModel | BroadcastModel, statement: Statement, settings: Settings, report: Progress
     ) -> tuple[Outcome, Point, int, int, str]:
-        """End of the run, the best point, at which the model is left, the numbers of failures, and the last of them."""
+        """End of the run, the best point, at which the model is left, the numbers of failures, and the last failure."""
         functions = self._functions(model, statement, settings, report)
         try:
             outcome = _minimise(settings, functions)
@@ -312,7 +312,7 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
 
     @property
     def is_interrupted(self) -> bool:
-        """Whether the last run was interrupted from the keyboard, and ended in good order."""
+        """Whether the last run was interrupted from the keyboard and ended cleanly."""
         return self.outcome is not None and self.outcome.end == "INTERRUPTED"
 
     def get_exit_status(self) -> str:
@@ -349,7 +349,7 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
 
 
 def _responses_within(model: ScaledModel | BroadcastModel, x: np.ndarray) -> tuple[float, np.ndarray]:
-    """Objective and constraints at the start that bounds leave, at which no optimisation begins where it fails."""
+    """Objective and constraints at the start after moving it within bounds; no optimisation begins if this fails."""
     try:
         return model.run(x)
     except AnalysisFailed as error:
@@ -357,7 +357,7 @@ def _responses_within(model: ScaledModel | BroadcastModel, x: np.ndarray) -> tup
 
 
 def _needs(model: ScaledModel, designs: tuple[Limits, ...], constraints: tuple[Limits, ...]) -> Needs:
-    """Requirements of the problem on an algorithm."""
+    """The problem's requirements of an algorithm."""
     is_equality = {limits.name: not np.isnan(limits.equals).all() for limits in constraints}
     return Needs(
         n_variables=sum(limits.lower.size for limits in designs),
@@ -370,14 +370,14 @@ def _needs(model: ScaledModel, designs: tuple[Limits, ...], constraints: tuple[L
 
 
 def _rules_of(settings: Settings, tolerance: float) -> AlgorithmRules:
-    """Rules of the algorithm, where any are made use of."""
+    """Rules of the algorithm, if any are used."""
     if settings.algorithm.name == "LD_SLSQP":
         return LineSearchRules(settings.criteria.ftol_rel, settings.criteria.ftol_abs, tolerance)
     return ConservativeRules() if settings.algorithm.name in ("LD_MMA", "LD_CCSAQ") else NoRules()
 
 
 def _minimise(settings: Settings, functions: Functions) -> Outcome:
-    """Minimise; an interrupt from the keyboard ends it in good order."""
+    """Minimise; a keyboard interrupt ends it cleanly."""
     try:
         return minimise(settings, functions)
     except KeyboardInterrupt:
@@ -385,9 +385,9 @@ def _minimise(settings: Settings, functions: Functions) -> Outcome:
 
 
 class IterationLog:
-    """Table of a run, printed line by line while it goes on."""
+    """Table of a run, printed line by line as it proceeds."""
 
-    # A line is a point at which totals were computed or, without gradients, one that is better than all before it.
+    # Each line is a point where totals were computed or, without gradients, a point better than all earlier ones.
 
     def __init__(
         self,
@@ -399,7 +399,7 @@ class IterationLog:
         self._best: Point | None = None
 
     def add(self, last: Point, best: Point, residual: Callable[[], float] | None) -> None:
-        """Take note of a run of the model, or of the residual of the first-order conditions at the last point."""
+        """Note a run of the model, or the first-order residual at the last point."""
         self._n_runs += residual is None
         is_line = residual is not None if self._has_gradients else best is not self._best
         self._best = best
@@ -454,13 +454,13 @@ def _criteria(options: Mapping[str, Any], prefix: str = "") -> Criteria:
 
 
 def _require_end(algorithm: Algorithm, options: Mapping[str, Any]) -> None:
-    """A global search needs something that ends it."""
+    """Require a criterion that ends a global search."""
     if algorithm.is_global and not (options["maxeval"] or options["maxtime"] or options["stopval"] is not None):
         raise InputError(f"NLoptDriver: {algorithm.name} has no end; set maxeval, maxtime or stopval")
 
 
 def _require_gradients(algorithm: Algorithm, options: Mapping[str, Any]) -> None:
-    """Iterations are counted by gradients."""
+    """Require gradients, by which iterations are counted."""
     local = ALGORITHMS.get(options["local_optimizer"], algorithm)
     if options["maxiter"] is not None and not (algorithm.gradients or local.gradients):
         raise InputError(
@@ -470,7 +470,7 @@ def _require_gradients(algorithm: Algorithm, options: Mapping[str, Any]) -> None
 
 
 def _require_length(options: Mapping[str, Any], name: str, n_variables: int) -> None:
-    """An option may be one number or one for every variable."""
+    """Require one number, or one for every variable."""
     if options[name] is not None and np.size(options[name]) not in (1, n_variables):
         raise InputError(
             f"NLoptDriver: option {name} has {np.size(options[name])} values; give one, or one for each of the"
@@ -479,7 +479,7 @@ def _require_length(options: Mapping[str, Any], name: str, n_variables: int) -> 
 
 
 def _local_optimizer(algorithm: Algorithm, options: Mapping[str, Any], needs: Needs) -> Algorithm | None:
-    """The algorithm to run inside, or None for NLopt's choice or where there is none."""
+    """The algorithm to run inside, or None for NLopt's choice or if there is none."""
     name = options["local_optimizer"]
     if algorithm.local_optimizer == "none" and name is not None:
         raise InputError(f"NLoptDriver: {algorithm.name} runs no other algorithm; leave local_optimizer out")

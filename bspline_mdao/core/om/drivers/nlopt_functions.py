@@ -1,4 +1,4 @@
-"""The functions that NLopt calls: one model run per point, derivatives on demand, and the best point kept.
+"""The functions that NLopt calls: one model run per point, derivatives on demand, keeping the best point.
 
 Theory: ``docs/theory/drivers.rst``.
 """
@@ -20,7 +20,7 @@ __all__ = ["Functions"]
 
 
 def _remembering(callback: Callable) -> Callable:
-    """Remember what a callback raises: some algorithms lose it and call on."""
+    """Remember what a callback raises: some algorithms drop it and keep calling."""
 
     @wraps(callback)
     def remembered(self: Functions, *arguments: Any) -> Any:
@@ -41,20 +41,20 @@ class Functions:
 
     model: Model  # the model, run at `start`
     statement: Statement  # bounds and constraints
-    # makes the values for the algorithm where the analysis fails, one of `nlopt_rules.RECOVERIES`
+    # makes the algorithm's values if the analysis fails, one of `nlopt_rules.RECOVERIES`
     recover: Callable[[SearchRecord, np.ndarray], Substitute]
     make_rules: Callable[[], AlgorithmRules]  # makes the `AlgorithmRules` of the algorithm
     start: Point  # the first point
-    # called after every run of the model, with None, and after every computation of totals, with these
+    # called after every run of the model, with None, and after every computation of totals, with the totals
     watch: Callable[[Functions, np.ndarray | None], None] = lambda functions, totals: None
-    maxiter: int | None = None  # computations of totals after the first one; the next ends the search
+    maxiter: int | None = None  # computations of totals allowed after the first; one more ends the search
     last: Point = field(init=False)  # the point where the model was last run
-    # n_failed, n_failed_gradients: number of failed analyses, and how many of them failed in the computation of totals
+    # n_failed, n_failed_gradients: number of failed analyses, and how many of them failed in computing totals
     n_failed: int = field(init=False, default=0)
     n_failed_gradients: int = field(init=False, default=0)
-    n_substituted: int = field(init=False, default=0)  # points that have substitutes for what failed
-    last_failure: str = field(init=False, default="")  # what the last failed analysis said
-    # what the model, or an interrupt from the keyboard, raised
+    n_substituted: int = field(init=False, default=0)  # points with substitutes for failed values
+    last_failure: str = field(init=False, default="")  # message of the last failed analysis
+    # what the model or a keyboard interrupt raised
     exception: BaseException | None = field(init=False, default=None)
     _n_gradients: int = field(init=False, default=0)
     _totals: np.ndarray | None = field(init=False, default=None)
@@ -101,14 +101,14 @@ class Functions:
         return optimality(self.statement, point, totals) / self._largest_gradient
 
     def restart(self) -> np.ndarray:
-        """Forget what the algorithm was doing; the best point (n,), from which it starts again."""
+        """Forget the algorithm's state; return the best point (n,), from which it restarts."""
         self.exception = None
         self._rules = self.make_rules()
         return self.best.x.copy()
 
     @_remembering
     def objective(self, x: np.ndarray, gradient: np.ndarray) -> float:
-        """Objective at x (n,), and its gradient (n,) where NLopt gives room for one."""
+        """Objective at x (n,), and its gradient (n,) if NLopt provides an array for it."""
         if gradient.size and self._is_new(x) and self._rules.is_converged(x):
             raise Stop("FTOL_REACHED")
         is_new = self._move_to(x)
@@ -144,7 +144,7 @@ class Functions:
         return not np.array_equal(x, self.last.x)
 
     def _move_to(self, x: np.ndarray) -> bool:
-        """Run the model unless it was last run here; True if it was run."""
+        """Run the model unless it was last run here; True if it ran."""
         if not self._is_new(x):
             return False
         if not np.isfinite(x).all():
@@ -166,7 +166,7 @@ class Functions:
         return True
 
     def _substitute(self, x: np.ndarray) -> np.ndarray:
-        """Put substitutes in the place of the values of the failed analysis at x; those of the totals (1 + m, n)."""
+        """Substitute values for the failed analysis at x; return the substitute totals (1 + m, n)."""
         self.n_substituted += 1
         self._rules.fail()
         substitute = self.recover(self._record, x)
@@ -175,7 +175,7 @@ class Functions:
         return substitute.totals
 
     def _differentiate(self, is_new: bool) -> np.ndarray:
-        """Totals (1 + m, n) at the last point: computed once, zero where they will not be used."""
+        """Totals (1 + m, n) at the last point: computed once, zero if they will not be used."""
         if self._is_rejected:
             return np.zeros_like(self._record.totals)
         if self._totals is None:
@@ -183,7 +183,7 @@ class Functions:
         return self._totals
 
     def _compute_totals(self, is_new: bool) -> np.ndarray:
-        """Totals of the model where it was last run, or substitutes where they cannot be computed."""
+        """Totals at the last run's point, or substitutes if they cannot be computed."""
         if self.maxiter is not None and self._n_gradients > self.maxiter:
             raise Stop("MAXITER_REACHED")
         try:
@@ -202,6 +202,6 @@ class Functions:
         return totals
 
     def _count_gradient(self, error: AnalysisFailed) -> None:
-        """Take note of derivatives that failed."""
+        """Count a failure of derivatives."""
         self.n_failed, self.n_failed_gradients = self.n_failed + 1, self.n_failed_gradients + 1
         self.last_failure = str(error)

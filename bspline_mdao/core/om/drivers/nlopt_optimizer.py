@@ -1,4 +1,4 @@
-"""Runs of NLopt with all its settings: the optimizer is built, run and restarted, and its end is put in words.
+"""Runs of NLopt with all its settings: build, run and restart the optimizer, and describe its end.
 
 Theory: ``docs/theory/drivers.rst``.
 """
@@ -34,26 +34,25 @@ ENDS = {
     "BLOCKED": "analyses or gradients fail around the best point, which is no optimum",
     "INTERRUPTED": "it was interrupted from the keyboard",
 }
-"""Ends of a run in words, by NLopt's names and our own."""
+"""Descriptions of the ends of a run, by NLopt's names and this package's."""
 
 _CODES = {getattr(nlopt, name): name for name in ENDS if hasattr(nlopt, name)}
 _CONVERGED = ("SUCCESS", "OPTIMAL", "STOPVAL_REACHED", "FTOL_REACHED", "XTOL_REACHED")
 TINY = float(np.finfo(float).tiny)
 OPTIMAL, BLOCKED = 1e-5, 1e-3
-"""Gradients of the Lagrangian, relative to the largest one of the objective, below which a point is an optimum, and
-above which it is none; between them NLopt's own end stands."""
+"""Gradients of the Lagrangian, relative to the objective's largest gradient, below which a point is an optimum and
+above which it is not; in between NLopt's own result is kept."""
 
 STALLED = 1e-2
-"""The same where nothing failed, or the root of ftol, relative, where that is more: 193 runs of SLSQP, MMA and CCSAQ
-that began outside of constraints ended below 2e-3 at optima (2.5e-2 with an ftol_rel of 1e-3) and above 1.5e-2
-elsewhere."""
+"""Upper bound if nothing failed, or the square root of the relative ftol if larger: 193 runs of SLSQP, MMA and CCSAQ
+that started infeasible ended below 2e-3 at optima (2.5e-2 with an ftol_rel of 1e-3) and above 1.5e-2 elsewhere."""
 
 _SPENT = ("MAXEVAL_REACHED", "MAXITER_REACHED", "MAXTIME_REACHED")
 
 
 @dataclass(frozen=True)
 class Criteria:
-    """Stopping criteria; zero switches one off."""
+    """Stopping criteria; zero disables one."""
 
     # ftol_rel, ftol_abs: change of the objective, relative and absolute
     ftol_rel: float
@@ -73,9 +72,9 @@ class Criteria:
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything about a run that is not the problem."""
+    """All settings of a run apart from the problem."""
 
-    # algorithm, local_optimizer: the algorithm, and the one it runs inside
+    # algorithm, local_optimizer: the algorithm, and its inner algorithm
     algorithm: Algorithm
     local_optimizer: Algorithm | None
     # criteria, local_criteria: when they stop
@@ -88,13 +87,13 @@ class Settings:
     initial_step: float | np.ndarray | None
     population: int  # initial population of stochastic algorithms; zero for NLopt's choice
     vector_storage: int  # number of gradients that limited-memory algorithms store; zero for NLopt's choice
-    seed: int | None  # of the random numbers; None for a different one every time
-    parameters: dict[str, float]  # parameters that one algorithm alone knows (``nlopt.opt.set_param``)
-    restarts: int  # how often at most to start again from the best point after analyses failed
+    seed: int | None  # seed of the random numbers; None for a different one every time
+    parameters: dict[str, float]  # parameters specific to one algorithm (``nlopt.opt.set_param``)
+    restarts: int  # maximum number of restarts from the best point after failed analyses
 
     @property
     def uses_gradients(self) -> bool:
-        """Whether the algorithm or the one it runs inside asks for gradients."""
+        """Whether the algorithm or its inner one uses gradients."""
         return self.algorithm.gradients or (self.local_optimizer is not None and self.local_optimizer.gradients)
 
 
@@ -103,14 +102,14 @@ class Outcome:
     """End of a run."""
 
     end: str  # key of `ENDS`
-    n_restarts: int = 0  # how often it was started again
-    # residual of the first-order conditions at the best point, relative to the largest gradient of the objective, where
-    # it was asked for
+    n_restarts: int = 0  # number of restarts
+    # residual of the first-order conditions at the best point, relative to the largest gradient of the objective, if
+    # computed
     optimality: float | None = None
 
     @property
     def is_stopped(self) -> bool:
-        """Whether it neither converged nor failed: a budget was spent, or somebody stopped it."""
+        """Whether it neither converged nor failed: a budget was spent, or it was stopped."""
         return self.end in (*_SPENT, "FORCED_STOP", "INTERRUPTED")
 
     def is_success(self, algorithm: Algorithm) -> bool:
@@ -127,7 +126,7 @@ def _bounded(algorithm: Algorithm, statement: Statement) -> nlopt.opt:
 
 
 def _constrain(optimizer: nlopt.opt, functions: Functions) -> None:
-    """Hand the constraints to NLopt, those of a kind together."""
+    """Pass the constraints to NLopt, grouped by kind."""
     statement = functions.statement
     for rows, add, function in (
         (statement.inequalities, optimizer.add_inequality_mconstraint, functions.inequalities),
@@ -138,13 +137,13 @@ def _constrain(optimizer: nlopt.opt, functions: Functions) -> None:
 
 
 def _constrain_one_by_one(optimizer: nlopt.opt, functions: Functions) -> None:
-    """Hand inequality constraints to an algorithm that takes them one by one only."""
+    """Pass inequality constraints to an algorithm that takes only one at a time."""
     for row in range(functions.statement.inequalities.ids.size):
         optimizer.add_inequality_constraint(partial(functions.inequality, row), functions.statement.tolerance)
 
 
 def _subsidiary(local_optimizer: Algorithm, settings: Settings, statement: Statement) -> nlopt.opt:
-    """The optimizer that runs inside."""
+    """The inner optimizer."""
     optimizer = _bounded(local_optimizer, statement)
     settings.local_criteria.apply(optimizer)
     if settings.vector_storage:
@@ -176,7 +175,7 @@ def _build(settings: Settings, functions: Functions) -> nlopt.opt:
 
 
 def _run(optimizer: nlopt.opt, functions: Functions, x: np.ndarray) -> str:
-    """Run once, and tell how it ended; what the model raises passes through, even where NLopt loses it."""
+    """Run once and return how it ended; pass on what the model raises, even if NLopt drops it."""
     try:
         optimizer.optimize(x)
     except Exception:
@@ -193,7 +192,7 @@ def _run(optimizer: nlopt.opt, functions: Functions, x: np.ndarray) -> str:
 
 
 def _remaining(settings: Settings, n_evaluations: int, seconds: float) -> Settings:
-    """Settings for what is left of the budget; nothing left is one evaluation, since zero means no limit."""
+    """Settings for the remaining budget, at least one evaluation, since zero means no limit."""
     maxeval, maxtime = settings.criteria.maxeval, settings.maxtime
     return replace(
         settings,
@@ -203,7 +202,7 @@ def _remaining(settings: Settings, n_evaluations: int, seconds: float) -> Settin
 
 
 def _is_worth_restarting(end: str, functions: Functions, n_substituted: int, before: Point) -> bool:
-    """Analyses failed on the way, so that the end may be no optimum; and the last restart, if any, got somewhere."""
+    """Whether analyses failed, so the end may not be an optimum, and the last restart, if any, made progress."""
     is_near_failures = functions.n_substituted > n_substituted and end not in (
         *_SPENT,
         "STOPVAL_REACHED",
@@ -213,7 +212,7 @@ def _is_worth_restarting(end: str, functions: Functions, n_substituted: int, bef
 
 
 def _judged(end: str, settings: Settings, functions: Functions, n_restarts: int) -> Outcome:
-    """End of a run, corrected by the gradients where NLopt's own says nothing about the point."""
+    """End of a run, corrected by the gradients if NLopt's own says nothing about the point."""
     is_stuck = end in ("ROUNDOFF_LIMITED", "FAILURE")
     is_open = is_stuck or (end in _CONVERGED and end != "STOPVAL_REACHED")
     if settings.algorithm.is_global or not settings.uses_gradients or not is_open:
@@ -229,7 +228,7 @@ def _judged(end: str, settings: Settings, functions: Functions, n_restarts: int)
 
 
 def _coarseness(settings: Settings, best: Point) -> float:
-    """Relative change of the objective that counts as none."""
+    """Relative change of the objective that counts as zero."""
     criteria = settings.criteria
     return max(criteria.ftol_rel, criteria.ftol_abs / max(abs(best.objective), criteria.ftol_abs, TINY))
 
@@ -238,8 +237,8 @@ def minimise(
     settings: Settings,  # the algorithm and when it stops
     functions: Functions,  # the problem; its ``best`` is the result
 ) -> Outcome:  # the end of the run
-    """Minimise, starting again from the best point where a local search has ended too early."""
-    # Failed analyses may be the reason, or, for MMA and CCSAQ, a start outside of the constraints.
+    """Minimise, restarting from the best point if a local search has ended too early."""
+    # Reasons are failed analyses or, for MMA and CCSAQ, an infeasible start.
     nlopt.srand_time() if settings.seed is None else nlopt.srand(settings.seed)
     began, x = time.perf_counter(), functions.start.x.copy()
     n_evaluations = n_restarts = 0

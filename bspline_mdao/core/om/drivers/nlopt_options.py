@@ -1,4 +1,4 @@
-"""Options of `NLoptDriver`: what each may be, so that what NLopt could not take is refused where it is given."""
+"""Options of `NLoptDriver` and their allowed values, to refuse what NLopt cannot take where it is given."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from .nlopt_algorithms import ALGORITHMS
 __all__ = ["declare_options"]
 
 MOST = 2**31 - 1
-"""The largest whole number that NLopt counts to."""
+"""The largest integer that NLopt counts to."""
 
 MOST_POINTS = 10**6
-"""Points of a population, and stored gradients, at most."""
+"""Maximum number of points in a population and of stored gradients."""
 
 LOCAL_NAMES = tuple(a.name for a in ALGORITHMS.values() if not a.is_global and a.local_optimizer == "none")
 
@@ -97,7 +97,7 @@ def _declare_local_criteria(options: OptionsDictionary) -> None:
 
 
 def _declare_search(options: OptionsDictionary) -> None:
-    """Declare what steers the search."""
+    """Declare the options that control the search."""
     options.declare(
         "initial_step",
         None,
@@ -144,7 +144,7 @@ def _declare_search(options: OptionsDictionary) -> None:
 
 
 def _check_parameters(name: str, value: dict) -> None:
-    """Refuse parameters that are no numbers."""
+    """Refuse parameters that are not numbers."""
     for parameter, number in value.items():
         if not isinstance(parameter, str) or not isinstance(number, Real):
             raise ValueError(f"Value ({value!r}) of option '{name}' is no table of numbers by name.")
@@ -157,6 +157,6 @@ def _check_change(name: str, value: dict) -> None:
 
 
 def _check_step(name: str, value: dict) -> None:
-    """Refuse first steps of zero, and backwards."""
+    """Refuse first steps that are zero or negative."""
     if value is not None and not np.all(np.asarray(value) > 0.0):
         raise ValueError(f"Value ({value!r}) of option '{name}' is not positive.")

@@ -1,4 +1,4 @@
-"""An optimisation problem as NLopt states it: bounds, and constraints with one limit each.
+"""An optimisation problem in NLopt's form: bounds, and constraints with one limit each.
 
 Theory: ``docs/theory/drivers.rst``.
 """
@@ -18,7 +18,7 @@ class AnalysisFailed(ArithmeticError):
 
 
 class Stop(Exception):
-    """A reason to stop that NLopt does not see; the message is the name of the end."""
+    """A reason to stop that NLopt does not detect; the message is the name of the end."""
 
 
 class Model(Protocol):
@@ -28,13 +28,13 @@ class Model(Protocol):
         """Run at a point (n,): objective and constraints (m,); raises `AnalysisFailed`."""
 
     def keep(self) -> None:
-        """Keep the states of the last run."""
+        """Store the states of the last run."""
 
     def restore(self, x: np.ndarray) -> tuple[float, np.ndarray]:
-        """Run as `run`, from the states that were kept, at their point."""
+        """Like `run`, at the stored point and from its stored states."""
 
     def differentiate(self) -> np.ndarray:
-        """Totals (1 + m, n) of objective and constraints where it was last run; raises `AnalysisFailed`."""
+        """Totals (1 + m, n) of objective and constraints at the last run's point; raises `AnalysisFailed`."""
 
 
 @dataclass(frozen=True)
@@ -42,17 +42,17 @@ class Limits:
     """Scaled limits of one design variable or constraint."""
 
     name: str  # its name
-    # lower, upper: (size,), limits, infinite where there is none
+    # lower, upper: (size,), limits, infinite if there is none
     lower: np.ndarray
     upper: np.ndarray
-    equals: np.ndarray  # (size,), values demanded, NaN for anything but equality constraints
+    equals: np.ndarray  # (size,), required values, NaN except for equality constraints
 
 
 @dataclass(frozen=True)
 class Rows:
     """Constraints in the form NLopt takes: ``signs (c[ids] - limits)`` is at most zero, or zero."""
 
-    ids: np.ndarray  # (m,) of int, which constraint each row is made of
+    ids: np.ndarray  # (m,) of int, the constraint of each row
     signs: np.ndarray  # (m,), +1 for an upper limit or an equality, -1 for a lower limit
     limits: np.ndarray  # (m,), the limit of each row
 
@@ -61,15 +61,15 @@ class Rows:
         return self.signs * (constraints[self.ids] - self.limits)
 
     def gradients(self, jacobian: np.ndarray) -> np.ndarray:
-        """Gradients (m, n) of the rows from those of the constraints."""
+        """Gradients (m, n) of the rows from the constraints' gradients."""
         return self.signs[:, None] * jacobian[self.ids]
 
 
 def split_constraints(
-    lower: np.ndarray,  # lower, upper: (m,), limits, infinite where there is none
+    lower: np.ndarray,  # lower, upper: (m,), limits, infinite if there is none
     upper: np.ndarray,
-    equals: np.ndarray,  # (m,), values demanded, NaN for inequalities
-) -> tuple[Rows, Rows]:  # inequalities: the upper limits, then the lower ones; equalities
+    equals: np.ndarray,  # (m,), required values, NaN for inequalities
+) -> tuple[Rows, Rows]:  # inequalities, upper limits before lower ones; equalities
     """Split constraints with limits on both sides into rows."""
     is_equality = ~np.isnan(equals)
     above, below = (np.flatnonzero(np.isfinite(limit) & ~is_equality) for limit in (upper, lower))
@@ -81,13 +81,13 @@ def split_constraints(
 
 @dataclass(frozen=True)
 class Point(OneLine):
-    """A point with the results of the model there, or with substitutes where the analysis failed."""
+    """A point with the model's results, or with substitutes if the analysis failed."""
 
     x: np.ndarray  # (n,), design variables
     objective: float  # the objective
     constraints: np.ndarray  # (m,), the constraints
     violations: np.ndarray  # (n_rows,), violation of each row
-    is_analysed: bool = True  # false where the analysis failed
+    is_analysed: bool = True  # false if the analysis failed
 
     @property
     def violation(self) -> float:
@@ -105,7 +105,7 @@ class Point(OneLine):
 class Statement:
     """Bounds and constraints of a problem."""
 
-    # lower, upper: (n,), bounds of the variables, infinite where there is none
+    # lower, upper: (n,), bounds of the variables, infinite if there is none
     lower: np.ndarray
     upper: np.ndarray
     # inequalities, equalities: the constraints
@@ -115,18 +115,18 @@ class Statement:
 
     @classmethod
     def of(cls, designs: tuple[Limits, ...], constraints: tuple[Limits, ...], tolerance: float) -> "Statement":
-        """Put the limits of all design variables and constraints in the form NLopt takes."""
+        """Convert the limits of all design variables and constraints to NLopt's form."""
         sides = (_joined(constraints, side) for side in ("lower", "upper", "equals"))
         return cls(_joined(designs, "lower"), _joined(designs, "upper"), *split_constraints(*sides), tolerance)
 
     def violations(self, constraints: np.ndarray) -> np.ndarray:
-        """Violation of each row (n_rows,), zero where it is satisfied."""
+        """Violation of each row (n_rows,), zero if satisfied."""
         return np.concatenate(
             [np.maximum(self.inequalities.values(constraints), 0.0), np.abs(self.equalities.values(constraints))]
         )
 
     def point(self, x: np.ndarray, objective: float, constraints: np.ndarray) -> Point:
-        """Make the point x (n,) with the results of the model there."""
+        """Make the point x (n,) with the model's results."""
         return Point(x.copy(), float(objective), constraints, self.violations(constraints))
 
 

@@ -1,13 +1,13 @@
-"""Rules of the algorithms: which gradients they will not use, and what they need where an analysis fails.
+"""Rules of the algorithms: which gradients they will not use, and what they need when an analysis fails.
 
-NLopt asks for the gradient together with the value. The first trial of a line search of LD_SLSQP and the inner
-iterations of LD_MMA and LD_CCSAQ often fail on their values alone, and then the gradient is not used: `AlgorithmRules`
-predict that, so that it is not computed.
+NLopt requests the gradient together with the value. The first trial of a line search of LD_SLSQP and the inner
+iterations of LD_MMA and LD_CCSAQ often fail on their values alone, and then the gradient is not used. `AlgorithmRules`
+predict that, so it is not computed.
 
-NLopt knows nothing of points where the model cannot be analysed, and every algorithm needs something else there, its
-*recovery*. A line search that halves its step at what is not a number is given that. One that interpolates is given a
-parabola that leaves the base point with the true slope and turns uphill after a fiftieth of the way. An algorithm that
-samples or builds models of the objective is given a value worse than all so far, yet of their size.
+NLopt does not know of points where the analysis fails, and each algorithm needs a different value there, its
+*recovery*. A line search that halves its step at NaN gets NaN. A line search that interpolates gets a parabola that
+leaves the base point with the true slope and turns uphill after a fiftieth of the way. An algorithm that samples or
+models the objective gets a value worse than all so far, yet of their magnitude.
 
 Theory: ``docs/theory/drivers.rst``.
 """
@@ -35,23 +35,23 @@ __all__ = [
 
 
 class AlgorithmRules(Protocol):
-    """Published rules of an algorithm, by which a rejection of a point or convergence is predicted."""
+    """Published rules of an algorithm, to predict that it rejects a point or has converged."""
 
     def is_rejected(self, point: Point) -> bool:
         """Whether the algorithm will reject a new point, whatever its gradient."""
 
     def is_converged(self, x: np.ndarray) -> bool:
-        """Whether a new trial at x (n,) shows that the algorithm has converged before."""
+        """Whether a new trial at x (n,) shows that the algorithm had already converged."""
 
     def keep(self, point: Point, gradient: np.ndarray) -> None:
-        """Take note of a point whose gradient (n,) of the objective was given."""
+        """Note a point whose objective gradient (n,) was given."""
 
     def fail(self) -> None:
-        """Take note of a failed analysis."""
+        """Note a failed analysis."""
 
 
 class NoRules:
-    """Rules of an algorithm of which nothing is predicted: every gradient is computed."""
+    """No predictions for an algorithm: every gradient is computed."""
 
     def is_rejected(self, point: Point) -> bool:
         """Predict no rejection."""
@@ -77,7 +77,7 @@ class ConservativeRules(NoRules):
         self._lowest = np.inf
 
     def is_rejected(self, point: Point) -> bool:
-        """Whether a feasible point with no higher objective is known."""
+        """Whether a feasible point with an objective at most as high is known."""
         return point.objective >= self._lowest
 
     def keep(self, point: Point, gradient: np.ndarray) -> None:
@@ -91,29 +91,29 @@ class LineSearchRules(NoRules):
 
     # Every line search starts from the last point whose gradient was given. A trial must lower the merit function ``f +
     # sum(mu |violations|)``: one with a higher objective and no smaller violation does not, whatever the weights mu >=
-    # 0. The first trial is the solution of the quadratic problem: where it promises less than ftol, a feasible base is
-    # the optimum, by the criterion of Kraft's original code, which NLopt leaves out: there a line search among rounding
-    # errors would follow.
+    # 0. The first trial is the solution of the quadratic problem: if it promises less than ftol, a feasible base is the
+    #    optimum, by the criterion of Kraft's original code. NLopt leaves this criterion out and continues with a line
+    #    search among rounding errors.
 
     def __init__(
         self,
-        ftol_rel: float,  # ftol_rel, ftol_abs: change of the objective that counts as none
+        ftol_rel: float,  # ftol_rel, ftol_abs: change of the objective that counts as zero
         ftol_abs: float,
-        tolerance: float,  # violation that counts as none
+        tolerance: float,  # violation that counts as zero
     ):
         self._ftol_rel, self._ftol_abs, self._tolerance = ftol_rel, ftol_abs, tolerance
         self._base: tuple[Point, np.ndarray] | None = None
         self._is_first_trial = False
 
     def is_rejected(self, point: Point) -> bool:
-        """Whether the base of the line search is better in everything."""
+        """Whether the base of the line search is better in every respect."""
         if self._base is None:
             return False
         base, _ = self._base
         return point.objective >= base.objective and bool(np.all(point.violations >= base.violations))
 
     def is_converged(self, x: np.ndarray) -> bool:
-        """Whether the first trial of a line search promises nothing more."""
+        """Whether the first trial of a line search promises no further decrease."""
         if self._base is None or not self._is_first_trial:
             return False
         base, gradient = self._base
@@ -126,13 +126,13 @@ class LineSearchRules(NoRules):
         self._base, self._is_first_trial = (point, gradient.copy()), True
 
     def fail(self) -> None:
-        """Note that what follows is no first trial: the line search goes on with a shorter step."""
+        """Note that the next trial is not a first one: the line search continues with a shorter step."""
         self._is_first_trial = False
 
 
 TURN = 0.02
-"""Part of the way from the base to the failed point at which the parabola of `uphill` turns: a turn at 0.1 to 0.25
-takes fewer runs in the open, but fails along the edge of a narrow corridor."""
+"""Fraction of the way from the base to the failed point at which the parabola of `uphill` turns: turning at 0.1 to 0.25
+takes fewer runs in open space, but fails along the edge of a narrow corridor."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class SearchRecord:
         return cls(point, np.zeros((1 + point.constraints.size, point.x.size)), point.objective, point)
 
     def with_point(self, point: Point, tolerance: float) -> "SearchRecord":
-        """Record with a run at one more point; violations up to `tolerance` count as none."""
+        """Record with a run at one more point; violations up to `tolerance` count as zero."""
         is_base = point.is_better(self.base, tolerance)
         return SearchRecord(
             point if is_base else self.base,
@@ -165,13 +165,13 @@ class SearchRecord:
 
     @property
     def spread(self) -> float:
-        """Scale of the objective: its range so far, or a tenth of its size; positive also where both are 0."""
+        """Scale of the objective: its range so far, or a tenth of its size; positive even if both are 0."""
         return max(self.worst_objective - self.base.objective, 0.1 * abs(self.worst_objective), 1e-6)
 
 
 @dataclass(frozen=True)
 class Substitute:
-    """Values in place of those of a failed analysis."""
+    """Substitute values for a failed analysis."""
 
     objective: float  # the objective
     constraints: np.ndarray  # (m,), the constraints
@@ -179,18 +179,18 @@ class Substitute:
 
 
 def not_a_number(record: SearchRecord, x: np.ndarray) -> Substitute:
-    """Give no number: a line search that halves its step at what is not a number does so."""
+    """Return NaN, at which some line searches halve their step."""
     return Substitute(np.nan, record.base.constraints, np.zeros_like(record.totals))
 
 
 def worst(record: SearchRecord, x: np.ndarray) -> Substitute:
-    """Give a value worse than all so far, by the range of the objective: of a size that spoils no model of it."""
+    """Return a value worse than all so far by the objective's range, of a magnitude that spoils no model of it."""
     objective = record.worst_objective + record.spread
     return Substitute(objective, record.most_violating.constraints, np.zeros_like(record.totals))
 
 
 def uphill(record: SearchRecord, x: np.ndarray) -> Substitute:
-    """Give a value and a slope as if the way from the base point had turned uphill."""
+    """Return a value and a slope as if the path from the base point had turned uphill."""
     # With the step d = x - base and the slope s along it (downwards), the parabola ``f + s t + s / (2 TURN) t^2`` of t
     # in [0, 1] has its minimum at t = TURN; its value and gradient at t = 1 are returned.
     step = x - record.base.x

@@ -13,23 +13,23 @@ from .scaled_model import ScaledModel
 __all__ = ["ACTIVE", "multipliers", "optimality", "optimality_of"]
 
 ACTIVE = 1e-4
-"""Distance from a limit, relative to its size where that exceeds one, within which it may hold the point: a hundred
-times the default tolerance of constraints, and little beside variables that are scaled to one."""
+"""Distance from a limit, relative to its size if that exceeds one, within which it may be active: a hundred times the
+default constraint tolerance, and small compared with variables scaled to one."""
 
 
 def _is_near(distance: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """Whether a point is so near to its limits that they may hold it."""
+    """Whether a point is so near to its limits that they may be active."""
     return np.isfinite(limits) & (distance <= ACTIVE * np.maximum(1.0, np.abs(limits)))
 
 
 def _outward(statement: Statement, point: Point, totals: np.ndarray) -> np.ndarray:
-    """Gradients (n, k) of all that may hold the point: they point out of the feasible set."""
+    """Gradients (n, k) of all possibly active limits, pointing out of the feasible set."""
     rows, same, identity = statement.inequalities, statement.equalities, np.eye(point.x.size)
     is_active = _is_near(-rows.values(point.constraints), rows.limits)
     equal = same.gradients(totals[1:])
     at_upper = _is_near(statement.upper - point.x, statement.upper)
     at_lower = _is_near(point.x - statement.lower, statement.lower)
-    # an equality may hold the point on either side: its multiplier has any sign, as two gradients with positive ones
+    # an equality may act from either side: its multiplier of any sign becomes two gradients with positive ones
     fixing = (rows.gradients(totals[1:])[is_active], equal, -equal, identity[at_upper], -identity[at_lower])
     return np.vstack(fixing).T
 
@@ -40,8 +40,8 @@ def optimality(
     totals: np.ndarray,  # (1 + m, n), totals of objective and constraints there
 ) -> float:
     """Norm of the gradient of the Lagrangian with the best multipliers."""
-    # Returns ``min |grad f + sum(y_i grad c_i)|`` over multipliers y_i >= 0 of the limits that may hold the point: what
-    # is left of the gradient that no limit holds back. Zero at an optimum.
+    # Returns ``min |grad f + sum(y_i grad c_i)|`` over multipliers y_i >= 0 of the possibly active limits: the part of
+    # the gradient that no limit balances. Zero at an optimum.
     outward = _outward(statement, point, totals)
     if outward.shape[1] == 0:
         return float(np.linalg.norm(totals[0]))
@@ -54,13 +54,13 @@ def multipliers(
     totals: np.ndarray,
 ) -> np.ndarray:
     """Best multipliers of the constraints, see `optimality`."""
-    # Returns (m,), with them ``grad f + sum(y_i grad c_i)`` is the gradient of the Lagrangian but for bounds; of either
-    # sign, zero where no limit may hold the point.
+    # Returns (m,). ``grad f + sum(y_i grad c_i)`` is then the gradient of the Lagrangian apart from bounds. Multipliers
+    # have either sign, and are zero if no limit may be active.
     outward = _outward(statement, point, totals)
     if outward.shape[1] == 0:
         return np.zeros(len(totals) - 1)
     found = nnls(outward, -totals[0], maxiter=10 * outward.shape[1])[0]
-    # each constraint by itself: the same rows of the outward gradients, of unit gradients of the constraints
+    # each constraint separately: the same rows of the outward gradients, for unit gradients of the constraints
     unit = np.vstack([np.zeros(len(totals) - 1), np.eye(len(totals) - 1)])
     rows, same = statement.inequalities, statement.equalities
     is_active = _is_near(-rows.values(point.constraints), rows.limits)
@@ -75,7 +75,7 @@ def optimality_of(problem: om.Problem) -> tuple[float, float]:
     Parameters
     ----------
     problem : openmdao.api.Problem
-        The problem; its totals are computed.
+        The problem; this computes its totals.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Optimisations that are recorded: how a driver went on, how near to an optimum it ended, and what took the time."""
+"""Recorded optimisations: how a driver progressed, how near to an optimum it ended, and what took the time."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ TIMED = (
     *("compute", "compute_partials", "compute_jacvec_product"),
     *("solve_nonlinear", "linearize", "apply_linear", "solve_linear"),
 )
-"""Methods of components whose time counts."""
+"""Methods of components that are timed."""
 
 QUIET = {"disp": False, "singular_jac_behavior": "ignore"}
 """Options of all drivers. Symmetry makes some derivatives zero at the start; idle variables are refused elsewhere."""
 
 
 def scipy_slsqp(tolerance: float, max_iterations: int) -> Driver:
-    """Make SciPy's SLSQP, which ends where the objective changes by less than the tolerance; failures shorten steps.
+    """Make SciPy's SLSQP, which ends when the objective changes by less than the tolerance; failures shorten steps.
 
     Parameters
     ----------
     tolerance : float
-        Of the objective, in units of the driver.
+                Tolerance of the objective, in units of the driver.
     max_iterations : int
         Largest number of iterations.
 
@@ -69,16 +69,16 @@ def scipy_slsqp(tolerance: float, max_iterations: int) -> Driver:
 
 
 def nlopt(tolerance: float, max_iterations: int, algorithm: str = "LD_SLSQP") -> Driver:
-    """Make an algorithm of NLopt, which ends where the objective changes by less than the tolerance, constraints met.
+    """Make an NLopt algorithm, which ends when the objective changes by less than the tolerance, constraints met.
 
     Parameters
     ----------
     tolerance : float
-        Of the objective, in units of the driver; a tenth of it, but at least 1e-8, is allowed to constraints.
+        Tolerance of the objective, in units of the driver; constraints get a tenth of it, but at least 1e-8.
     max_iterations : int
         Largest number of iterations; three times as many evaluations.
     algorithm : str
-        Its name, as `NLoptDriver` takes it.
+        Name of the algorithm, as for `NLoptDriver`.
 
     Returns
     -------
@@ -97,23 +97,23 @@ def nlopt(tolerance: float, max_iterations: int, algorithm: str = "LD_SLSQP") ->
 
 @dataclass(eq=False)
 class RecordedRun(OneLine):
-    """A recorded optimisation. Made by `recorded`; its history is complete at the end of that.
+    """A recorded optimisation. Made by `recorded`; its history is complete when that block ends.
 
     Parameters
     ----------
     problem : openmdao.api.Problem
-        The problem, at the end at the optimum.
+        The problem, which ends at the optimum.
     seconds : dict of float
-        Wall time by component, and of the ``rest``: OpenMDAO and the optimizer.
+        Wall time by component, and for the ``rest``: OpenMDAO and the optimizer.
     initial_gradient : float
         Norm of the objective's gradient at the start, as the driver sees it.
 
     Attributes
     ----------
     history : dict of ndarray
-        Objective and constraints by name, one row per evaluation, as the model gives them.
+        Objective and constraints by name, one row per evaluation, in units of the model.
     convergence : Convergence
-        Optimality and violations on the way.
+        Optimality and violations during the run.
 
     Examples
     --------
@@ -147,7 +147,7 @@ class RecordedRun(OneLine):
         Returns
         -------
         dict
-            ``success``, ``exit_status``, ``evaluations``, ``gradients``, the ``objective`` as the model gives it,
+            ``success``, ``exit_status``, ``evaluations``, ``gradients``, the ``objective`` in units of the model,
             ``optimality``, the residual of the first-order conditions relative to the first gradient of the objective,
             the largest ``violation`` in units of the driver, ``seconds`` of wall time and the ``shares`` of components.
         """
@@ -175,8 +175,8 @@ class RecordedRun(OneLine):
 def recorded(problem: om.Problem, folder: str | PathLike | None = None, name: str = "cases") -> Iterator[RecordedRun]:
     """Set a problem up with reverse derivatives, and record every evaluation and every gradient of its driver.
 
-    What stands in the block runs the driver. Dense algebra is done by one thread there: a few hundred variables are no
-    work for many.
+    Run the driver in the block. Dense linear algebra uses one thread there, since a few hundred variables do not pay
+    for more.
 
     Parameters
     ----------
@@ -185,12 +185,12 @@ def recorded(problem: om.Problem, folder: str | PathLike | None = None, name: st
     folder : path-like, optional
         Folder for the recorded cases, ``<name>.sql``, which are kept there; a temporary one by default.
     name : str
-        Name of their file; it is written in small letters, with _ for blanks.
+        Name of their file; it is written in lower case, with _ for spaces.
 
     Yields
     ------
     RecordedRun
-        The start, and when the block has ended the history.
+        The start, and after the block the history.
 
     Examples
     --------
@@ -207,7 +207,7 @@ def recorded(problem: om.Problem, folder: str | PathLike | None = None, name: st
     >>> problem.get_val("x").round(6)
     array([3.])
     """
-    problem.options["group_by_pre_opt_post"] = True  # what no design variable reaches runs once
+    problem.options["group_by_pre_opt_post"] = True  # what does not depend on design variables runs once
     with tempfile.TemporaryDirectory() as temporary:
         file = Path(folder or temporary) / f"{name.lower().replace(' ', '_')}.sql"
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -227,19 +227,19 @@ def recorded(problem: om.Problem, folder: str | PathLike | None = None, name: st
 
 
 def run_at(design: om.Problem, problem: om.Problem) -> om.Problem:
-    """Run a problem at the design variables of another one: on a finer member of the grid family, at another condition.
+    """Run a problem at another problem's design variables: on a finer grid of the family, or at another condition.
 
     Parameters
     ----------
     design : openmdao.api.Problem
         A problem at an optimum.
     problem : openmdao.api.Problem
-        Another one with the same design variables, not yet set up.
+                Another problem with the same design variables, not yet set up.
 
     Returns
     -------
     openmdao.api.Problem
-        The other one, which has run.
+                The other problem, after its run.
 
     Examples
     --------
@@ -264,7 +264,7 @@ def run_at(design: om.Problem, problem: om.Problem) -> om.Problem:
 
 
 def disagreement(runs: Mapping[str, RecordedRun]) -> dict[str, float]:
-    """Find by how much drivers differ after solving the same problem.
+    """Compute by how much drivers differ after solving the same problem.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def disagreement(runs: Mapping[str, RecordedRun]) -> dict[str, float]:
 def time_components(
     problem: om.Problem,  # the problem, set up
 ) -> dict[str, float]:  # wall time by the name of the component (s); it grows as the problem runs
-    """Measure the time that is spent in every component from now on."""
+    """Measure the time spent in each component from now on."""
     seconds = {}
     for component in problem.model.system_iter(recurse=True, typ=(om.ExplicitComponent, om.ImplicitComponent)):
         if not component.name.startswith("_auto_ivc"):

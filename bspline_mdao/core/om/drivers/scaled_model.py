@@ -1,8 +1,8 @@
-"""The model as an optimizer sees it, in one scaled vector. All use of OpenMDAO's private driver API is in this module.
+"""The model as seen by an optimizer, in one scaled vector. All use of OpenMDAO's private driver API is in this module.
 
-The scaling of design variables and constraints moved twice: up to 3.43 the limits in the metadata are scaled when they
-are declared, from 3.44 on an autoscaler scales vectors, and its ``get_bounds_scaling`` returns three vectors up to
-3.45.0 and a dictionary of limits by name from 3.45.1 on.
+OpenMDAO moved the scaling of design variables and constraints twice. Up to 3.43 the limits in the metadata are scaled
+when they are declared. From 3.44 on an autoscaler scales vectors; its ``get_bounds_scaling`` returns three vectors up
+to 3.45.0 and a dictionary of limits by name from 3.45.1 on.
 
 Theory: ``docs/theory/drivers.rst``.
 """
@@ -28,18 +28,18 @@ from .nlopt_problem import AnalysisFailed, Limits
 __all__ = ["ScaledModel", "derivative_at_fault", "unusable_derivatives"]
 
 NO_LIMIT = 1e16
-"""Scaled limits beyond this are none: OpenMDAO writes 1e30 for infinity, which scaling may reduce."""
+"""Scaled limits beyond this count as absent: OpenMDAO writes 1e30 for infinity, which scaling may reduce."""
 
 
 def _as_limit(value: ArrayLike | None, size: int, absent: float) -> np.ndarray:
-    """A limit as an array, `absent` where there is none."""
+    """A limit as an array, `absent` if there is none."""
     array = np.array(np.broadcast_to(absent if value is None else value, (size,)), dtype=float)
     array[np.abs(array) >= NO_LIMIT] = absent
     return array
 
 
 def _scaled_limits(driver: Driver, kind: str, name: str, meta: dict) -> tuple:
-    """Scaled lower limit, upper limit and value demanded, as this version of OpenMDAO gives them."""
+    """Scaled lower limit, upper limit and required value, as this version of OpenMDAO gives them."""
     autoscaler = getattr(driver, "_autoscaler", None)
     if autoscaler is None:
         return meta["lower"], meta["upper"], meta.get("equals")
@@ -59,7 +59,7 @@ def _scaling(driver: Driver, kind: str, name: str, meta: dict) -> tuple[np.ndarr
 
 
 def _is_flipped(driver: Driver, kind: str, name: str, meta: dict) -> np.ndarray:
-    """Whether the scaling turns the variable around, so that its lower limit becomes the upper one."""
+    """Whether the scaling reverses the variable, so its lower limit becomes the upper one."""
     return _scaling(driver, kind, name, meta)[0] < 0
 
 
@@ -79,12 +79,10 @@ def _flat(values: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def derivative_at_fault(driver: Driver, responses: Sequence[str], totals: np.ndarray) -> str:
-    """Name of a derivative that is not a finite number, where totals of responses have such; empty where they have not.
-
-    Totals are of shape (size of all responses, size of all variables). A partial that is no number spoils totals that
-    do not depend on it as well, so that the first of the components' partials is named, ``d CD / d twist of component
-    aero``, and a total where all of these are numbers, as where components are free of matrices.
-    """
+    """Name of a derivative that is not finite, if the totals of responses have one; empty otherwise."""
+    # totals: (size of all responses, size of all variables). A partial that is not finite also spoils totals that do
+    # not depend on it, so the first such partial is named, ``d CD / d twist of component aero``. If all partials are
+    # finite, or components are matrix-free, a total is named.
     wrong = np.argwhere(~np.isfinite(totals))
     if not len(wrong):
         return ""
@@ -104,13 +102,13 @@ def _numbers(value: Any) -> np.ndarray:
 
 
 def _owner(names: Sequence[str], metas: dict, number: int) -> str:
-    """Which of several variables in a row an entry belongs to."""
+    """Which of several concatenated variables an entry belongs to."""
     ends = np.cumsum([metas[name]["global_size"] for name in names])
     return names[int(np.searchsorted(ends, number, side="right"))]
 
 
 def unusable_derivatives(what: str) -> InputError:
-    """Error of derivatives with which no search can start."""
+    """Error for derivatives with which no search can start."""
     return InputError(
         f"driver: {what}, the first time that derivatives are computed; check_partials shows which are wrong"
     )
@@ -119,7 +117,7 @@ def unusable_derivatives(what: str) -> InputError:
 class ScaledModel:
     """The model of a driver's problem as a function of one scaled vector of all design variables."""
 
-    # Constraints come nonlinear ones first, each kind in the order of the driver.
+    # Nonlinear constraints come first, each kind in the order of the driver.
 
     def __init__(
         self,
@@ -140,7 +138,7 @@ class ScaledModel:
         return bool(self._model._use_derivatives)
 
     def start(self) -> tuple[np.ndarray, float, np.ndarray]:
-        """Run at the present design variables; returns these (n,), the objective and the constraints (m,)."""
+        """Run at the present design variables; returns them (n,), the objective and the constraints (m,)."""
         self._driver._check_for_missing_objective()
         self._driver._check_for_invalid_desvar_values()
         self._solve()
@@ -169,16 +167,16 @@ class ScaledModel:
         return objective, constraints
 
     def keep(self) -> None:
-        """Keep the states of the last run, of which `restore` starts: those of the best point."""
+        """Store the states of the last run, the best point, for `restore`."""
         self._kept_states[:] = self._good_states
 
     def restore(self, x: np.ndarray) -> tuple[float, np.ndarray]:
-        """Run at the point (n,) whose states were kept, see `run`: from other ones a flow might not be found again."""
+        """Run at the point (n,) whose states were stored, see `run`: from others a flow may not converge again."""
         self._states()[:] = self._kept_states
         return self.run(x)
 
     def place(self, x: np.ndarray) -> None:
-        """Set the design variables (n,) and go back to the states of the last good point, without a run."""
+        """Set the design variables (n,) and restore the states of the last good point, without a run."""
         self._states()[:] = self._good_states
         self.set(x)
 
@@ -188,18 +186,18 @@ class ScaledModel:
         return {name: np.size(values) for name, values in take().items()}
 
     def scaled(self, values: Mapping[str, np.ndarray]) -> tuple[np.ndarray, float, np.ndarray]:
-        """Design variables (n,), objective and constraints (m,) of values in units of the model, by name."""
+        """Design variables (n,), objective and constraints (m,) from values by name, in units of the model."""
         objective = self._scaled("objective", self._driver._objs, values)
         constraints = self._scaled("constraint", self._constraints, values)
         return self._scaled("design_var", self._designs, values), float(objective[0]), constraints
 
     def _scaled(self, kind: str, metas: Mapping[str, dict], values: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Values of one kind in units of the model, by name, in one scaled vector."""
+        """One scaled vector from values of one kind by name, in units of the model."""
         scalings = {name: _scaling(self._driver, kind, name, meta) for name, meta in metas.items()}
         return _flat((values[name] + adder) * scaler for name, (scaler, adder) in scalings.items())
 
     def design_variables(self) -> dict[str, dict[str, Any]]:
-        """Names, units, bounds and present values of the design variables, not scaled, as generators of designs ask."""
+        """Names, units, bounds and present values of the design variables, unscaled, as DOE generators need them."""
         found, driver = {}, self._driver
         values = driver.get_design_var_values()
         for limits in self.design_limits():
@@ -218,7 +216,7 @@ class ScaledModel:
         return found
 
     def set_values(self, values: Mapping[str, np.ndarray]) -> None:
-        """Set design variables that are not scaled, by name, without a run."""
+        """Set unscaled design variables by name, without a run."""
         self.set(self._scaled("design_var", self._designs, values))
 
     def set(self, x: np.ndarray) -> None:
@@ -231,15 +229,9 @@ class ScaledModel:
             driver._scipy_update_design_vars(x)
 
     def differentiate(self) -> np.ndarray:
-        """Totals (1 + m, n) of objective and constraints where the model was last run; linear ones are computed once.
-
-        Raises
-        ------
-        AnalysisFailed
-            A component raised ``om.AnalysisError``, or a derivative is not a finite number.
-        InputError
-            A derivative is not a finite number the first time: no search can start.
-        """
+        """Totals (1 + m, n) of objective and constraints at the last run's point; linear ones are computed once."""
+        # `AnalysisFailed` if a component raised ``om.AnalysisError`` or a derivative is not finite; `InputError` if a
+        # derivative is not finite the first time, since no search can start.
         is_first, self._is_first = self._is_first, False
         if is_first:
             self._prepare_derivatives()
@@ -258,7 +250,7 @@ class ScaledModel:
         return totals if self._linear_totals is None else np.vstack([totals, self._linear_totals])
 
     def differentiate_in(self, name: str) -> np.ndarray:
-        """Totals (1 + m, size) of objective and constraints in any output of the model, in its units there."""
+        """Totals (1 + m, size) of objective and constraints with respect to any output of the model, in its units."""
         problem = self._driver._problem()
         names = [*self._driver._objs, *self._constraints]
         return np.array(problem.compute_totals(names, [name], return_format="array", driver_scaling=True))
@@ -298,7 +290,7 @@ class ScaledModel:
         return float(np.ravel(objective)[0]), _flat(values[name] for name in self._constraints)
 
     def _require_numbers(self, what: str, *arrays: float | np.ndarray) -> None:
-        """Treat what is not finite on any process as a failed analysis."""
+        """Treat numbers that are not finite on any process as a failed analysis."""
         with together(self._model.comm):
             if not all(np.isfinite(array).all() for array in arrays):
                 raise AnalysisFailed(f"{what} is not a finite number")
@@ -308,7 +300,7 @@ class ScaledModel:
         return np.array(self._driver._compute_totals(names, list(self._designs), "array"))
 
     def _prepare_derivatives(self) -> None:
-        """Compute the totals of the linear constraints, and the colouring of the others if one was declared."""
+        """Compute the totals of the linear constraints, and the others' colouring if one was declared."""
         driver = self._driver
         linear = [name for name, meta in self._constraints.items() if meta["linear"]]
         self._linear_totals = self._totals(linear) if linear else None
@@ -317,7 +309,7 @@ class ScaledModel:
     def _check_for_zeros(self) -> None:
         """Warn of rows and columns of zeros in the totals, or refuse them, as the driver's options say."""
         options, jacobian = self._driver.options, self._driver._total_jac
-        if "singular_jac_behavior" not in options:  # as of the plain driver, which runs the model once
+        if "singular_jac_behavior" not in options:  # for the plain driver, which runs the model once
             return
         has_approximations = any(group._has_approx for group in self._model.system_iter(True, True, Group))
         if options["singular_jac_behavior"] != "ignore" and jacobian is not None and not has_approximations:

@@ -1,4 +1,4 @@
-"""SciPy's optimizers as OpenMDAO drives them, which survive failed analyses and show how far they are.
+"""SciPy's optimizers through OpenMDAO, surviving failed analyses and showing progress.
 
 Theory: ``docs/theory/drivers.rst``, "Failed analyses".
 """
@@ -25,24 +25,25 @@ RECOVERIES = {
     **dict.fromkeys(("L-BFGS-B", "TNC"), uphill),
     **dict.fromkeys(("SLSQP", "COBYLA", "COBYQA", "Nelder-Mead", "Powell", "differential_evolution"), worst),
 }
-"""What optimizers are given where an analysis fails. Those that are not here were seen to end elsewhere than at the
-optimum with any of it (BFGS, CG, trust-constr), or do not call the driver as they should: failures pass through."""
+"""What optimizers are given when an analysis fails. With any of these values the optimizers not listed end away from
+the optimum (BFGS, CG, trust-constr), or do not call the driver as they should; failures pass through them."""
 
 
 class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
-    """SciPy's optimizers with a progress bar, which take a shorter step after a failed analysis.
+    """SciPy's optimizers with a progress bar and shorter steps after failed analyses.
 
-    It is OpenMDAO's ``ScipyOptimizeDriver`` with all its options. That one ends at the first ``om.AnalysisError``; this
-    one gives the optimizer a value that makes it take a shorter step, puts the model back into the states of the last
-    good run, and goes on. So it does with ``SLSQP``, ``L-BFGS-B``, ``TNC``, ``COBYLA``, ``COBYQA``, ``Nelder-Mead``,
-    ``Powell`` and ``differential_evolution``; with other optimizers, and in the first run, a failure passes through.
-    Derivatives that fail end the search with a warning, where it is then, but for the first ones: `NLoptDriver` goes
-    on there, and also starts again from the best point where failures have ended a search.
+    This is OpenMDAO's ``ScipyOptimizeDriver`` with all its options. Where the original ends at the first
+    ``om.AnalysisError``, this driver gives the optimizer a value that makes it take a shorter step, restores the model
+    to the states of the last good run, and continues. This works with ``SLSQP``, ``L-BFGS-B``, ``TNC``, ``COBYLA``,
+    ``COBYQA``, ``Nelder-Mead``, ``Powell`` and ``differential_evolution``; with other optimizers, and in the first run,
+    a failure passes through. Failed derivatives end the search at the current point with a warning, except the first
+    ones, which raise. `NLoptDriver` continues there, and also restarts from the best point when failures have ended a
+    search.
 
-    At the end the model is run at the point that the optimizer has found, where it was last run elsewhere; a search
-    that has failed, or was interrupted from the keyboard, leaves the model at its best point: that of lowest objective
-    among those that violate no scaled constraint by more than ``constraint_tolerance``. Other exceptions pass through,
-    with a note of the best point, to which the design variables are set. Records are short, as of `NLoptDriver`.
+    At the end the model is run at the point found by the optimizer, if it was last run elsewhere. A search that failed,
+    or was interrupted from the keyboard, leaves the model at its best point: the lowest objective among points that
+    violate no scaled constraint by more than ``constraint_tolerance``. Other exceptions pass through, with a note of
+    the best point, to which the design variables are set. Records are short, like `NLoptDriver`'s.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
     Attributes
     ----------
     n_failed_analyses : int
-        Number of analyses that failed in the last run.
+        Number of failed analyses in the last run.
     best : Point or None
         The best point of the last run so far, see `bspline_mdao.core.om.drivers.kept_design`.
     is_interrupted : bool
@@ -132,7 +133,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
             self._progress = report
             try:
                 self.fail = self._end_at_the_result(super().run())
-            except _GradientError as error:  # no optimizer takes another step instead
+            except _GradientError as error:  # no optimizer tries another step instead
                 self.fail = True
                 om.issue_warning(
                     f"{self._get_name()}: the search ended after {self.iter_count} runs, where derivatives failed; the "
@@ -144,7 +145,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
                 if self.best is None:
                     raise
                 self.fail = self.is_interrupted = True
-                self._last = np.zeros(0)  # a run that was cut short leaves half of its states
+                self._last = np.zeros(0)  # an interrupted run leaves half of its states
                 self._go_to_best()
             except Exception as error:
                 if self.best is not None:
@@ -160,7 +161,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         return "INTERRUPTED" if self.is_interrupted else super().get_exit_status()
 
     def _objfunc(self, x_new: np.ndarray) -> float:
-        """Objective at a point, or what makes the optimizer turn back where the analysis fails."""
+        """Objective at a point, or the value that makes the optimizer turn back if the analysis fails."""
         if self._record is None:
             self._begin()
         self._last = np.array(x_new, dtype=float)
@@ -177,7 +178,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         return objective
 
     def _gradfunc(self, x_new: np.ndarray) -> np.ndarray:
-        """Gradient where the analysis did not fail."""
+        """Gradient at a point whose analysis did not fail."""
         if self._substitute is not None:
             return self._substitute.totals[0]
         has_analysis = self._exc_info is None
@@ -200,7 +201,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
             raise _GradientError(error)
 
     def _require_derivatives(self) -> None:
-        """Name the first derivative that is not a finite number, of those that the driver has just computed."""
+        """Name the first derivative just computed that is not a finite number."""
         fault = derivative_at_fault(self, self._obj_and_nlcons, self._grad_cache)
         if fault and self._n_gradients:
             raise _GradientError(f"{fault} is not a finite number")
@@ -208,7 +209,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
             raise unusable_derivatives(f"{fault} is not a finite number")
 
     def _begin(self) -> None:
-        """Take the first run, which the driver has done already, for the first point."""
+        """Take the driver's first run as the first point."""
         self._model = ScaledModel(self)
         limits = self._model.design_limits(), self._model.constraint_limits()
         self._statement = Statement.of(*limits, self.largest_violation)
@@ -220,7 +221,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         self._good_states, self._base_constraints = self._states().copy(), self._con_cache
 
     def _keep(self, objective: float) -> None:
-        """Take note of a point."""
+        """Note a point."""
         assert self._record is not None
         self._record = self._record.with_point(_point(self._last, objective), 0.0)
         self._good_states[:] = self._states()
@@ -233,7 +234,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
             self.best = point
 
     def _place_at_best(self) -> None:
-        """Set the design variables to the best point, and the states to those of the last good one."""
+        """Set the design variables to the best point, and the states to the last good point's."""
         assert self._model is not None
         assert self.best is not None
         self._states()[:] = self._good_states
@@ -251,7 +252,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
             self._reraise()
 
     def _turn_back(self) -> float:
-        """Count a failure and put the model back; the value for the optimizer."""
+        """Count a failure and restore the model; return the value for the optimizer."""
         assert self._record is not None
         self._exc_info = None
         self.n_failed_analyses += 1
@@ -264,8 +265,8 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         return self._problem().model._outputs.asarray()
 
     def _end_at_the_result(self, fail: bool) -> bool:
-        """Run the model where the optimizer says that it ended, or at the best point if it failed; whether it did."""
-        # A search whose every step failed ends beside the last good point, whatever it says.
+        """Run the model at the optimizer's end point, or at the best point if it failed; return whether it failed."""
+        # A search in which every step failed ends next to the last good point, whatever it reports.
         found = np.asarray(getattr(self._scipy_optimize_result, "x", self._last), dtype=float)
         if self._record is None:
             return fail
@@ -280,9 +281,9 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
 
 
 class _GradientError(Exception):
-    """Derivatives that failed at a point which an optimizer has taken."""
+    """Failure of derivatives at a point accepted by an optimizer."""
 
 
 def _point(x: np.ndarray, objective: float) -> Point:
-    """A point by its objective alone: the optimizer keeps its own account of constraints."""
+    """A point with its objective only: the optimizer keeps its own account of constraints."""
     return Point(x.copy(), objective, np.zeros(0), np.zeros(0))

@@ -1,4 +1,4 @@
-"""What recorders of a driver and of its problem take by default: all but long arrays."""
+"""What recorders of a driver and of its problem record by default: everything except long arrays."""
 
 from __future__ import annotations
 
@@ -13,36 +13,35 @@ from openmdao.core.driver import Driver
 __all__ = ["ALL", "LONGEST", "ShortRecords", "short_records", "sources_of"]
 
 LONGEST = 10_000
-"""Values up to which a variable is recorded where it is not asked for: grids and states of flows have more."""
+"""Largest size of a variable recorded without being named: grids and flow states have more values."""
 
 ALL = "*"
-"""Pattern that asks for everything, and for nothing in particular."""
+"""Pattern that matches everything and names nothing."""
 
 
 class ShortRecords:
-    """A driver that leaves long variables out of what ``"*"`` asks for, in its own records and in those of its problem.
+    """A driver that leaves long variables out of what ``"*"`` matches, in its own records and its problem's."""
 
-    OpenMDAO asks the driver what recorders of either take. Variables that are named otherwise in
-    ``recording_options["includes"]``, design variables and responses are taken, however long they are.
-    """
+    # OpenMDAO asks the driver what the recorders of both record. Variables named explicitly in
+    # ``recording_options["includes"]``, design variables and responses are recorded, however long they are.
 
     def _get_vars_to_record(self, obj: Any = None) -> dict[str, Any]:
-        """Names of what is recorded by ``"input"``, ``"output"`` and ``"residual"``; called by OpenMDAO."""
+        """Names of recorded variables by ``"input"``, ``"output"`` and ``"residual"``; called by OpenMDAO."""
         found = super()._get_vars_to_record(obj)  # type: ignore[misc]
         return _without_long(self, found, obj or self)
 
 
 def short_records(driver: Driver) -> Driver:
-    """Let a driver of OpenMDAO leave grids and states out of ``"*"``, as the drivers of this package do.
+    """Make an OpenMDAO driver leave grids and states out of ``"*"``, like the drivers of this package.
 
-    It holds for recorders of the driver and of its problem. Variables that are named otherwise in
-    ``recording_options["includes"]``, design variables and responses are taken, however long they are. For recorders of
-    a model or a solver take `CaseRecorder`.
+    This applies to recorders of the driver and of its problem. Variables named explicitly in
+    ``recording_options["includes"]``, design variables and responses are recorded, however long they are. For recorders
+    of a model or a solver use `CaseRecorder`.
 
     Parameters
     ----------
     driver : openmdao.api.Driver
-        Such as ``om.ScipyOptimizeDriver()`` or ``om.pyOptSparseDriver()``; it is changed.
+        For example ``om.ScipyOptimizeDriver()`` or ``om.pyOptSparseDriver()``; it is changed in place.
 
     Returns
     -------
@@ -62,7 +61,7 @@ def short_records(driver: Driver) -> Driver:
 
 @dataclass(frozen=True)
 class _Shortened:
-    """What OpenMDAO asks a driver for, in the place of its own method."""
+    """Replacement for the driver's method that OpenMDAO calls."""
 
     driver: Any
     record: Callable[..., dict[str, Any]]
@@ -72,14 +71,14 @@ class _Shortened:
 
 
 def _without_long(driver: Driver, found: dict[str, Any], recorded: Any) -> dict[str, Any]:
-    """Leave long variables out that are neither named in the options of what is recorded nor a variable or response."""
+    """Leave out long variables that are neither named in the recording options nor a design variable or response."""
     asked = [pattern for pattern in recorded.recording_options["includes"] if pattern != ALL]
     model, sources = driver._problem().model, sources_of(driver)
     about = model.get_io_metadata(metadata_keys=("size",), get_remote=model.comm.size > 1)
 
     def is_taken(name: str) -> bool:
         meta = about.get(name)
-        size = None if meta is None else meta["size"]  # a word instead, where a variable has none
+        size = None if meta is None else meta["size"]  # a word if a variable has none
         if not isinstance(size, int | np.integer) or size <= LONGEST or name in sources:
             return True
         return any(fnmatchcase(each, pattern) for pattern in asked for each in (name, meta["prom_name"]))

@@ -1,8 +1,8 @@
-"""Case files made harmless: a copy in which OpenMDAO's reader finds the same cases, and nothing that it would run.
+"""Harmless copies of case files, in which OpenMDAO's reader finds the same cases but no code to run.
 
 OpenMDAO unpacks pickles while it opens a file, and looks for more in its arrays; a pickle calls what it names. Here
-nothing is called: options of systems are taken out of their pickles by a reader to which all names mean one class that
-does nothing, arrays are arrays of numbers, and what is compressed grows within limits.
+nothing is called. System options are read from their pickles with every name mapped to one class that does nothing,
+arrays contain only numbers, and compressed data may grow only within limits.
 
 Theory: ``docs/theory/drivers.rst``, "How a run ends".
 """
@@ -31,7 +31,7 @@ from .case_file import COLUMNS, Moment, columns_of, names_with_runs, opened_case
 __all__ = ["SoundCases", "sound_cases"]
 
 OLDEST = 14
-"""Version of the format of OpenMDAO 3.8, from which on metadata are compressed."""
+"""Format version of OpenMDAO 3.8, the first with compressed metadata."""
 
 _EMPTY = {
     "global_iterations": ("id", "record_type", "rowid", "source"),
@@ -41,29 +41,29 @@ _EMPTY = {
     "system_metadata": ("id", "scaling_factors", "component_metadata"),
     "solver_metadata": ("id", "solver_options", "solver_class"),
 }
-"""Tables that OpenMDAO's reader asks for, and that say nothing of cases of a driver."""
+"""Tables that OpenMDAO's reader needs, unrelated to driver cases."""
 
 _METADATA = ("abs2prom", "prom2abs", "abs2meta", "var_settings", "conns")
 
 
 class SoundCases(NamedTuple):
-    """Cases of a driver and what belongs to them."""
+    """Cases of a driver and related data."""
 
-    file: Path  # A case file for OpenMDAO's reader, with the cases of the driver alone
-    # recorded options of the systems of the model, by their names; those of the last run
+    file: Path  # A case file for OpenMDAO's reader, with only the driver's cases
+    # recorded options of the model's systems in the last run, by system name
     options: Mapping[str, Mapping[str, object]]
 
 
 @contextmanager
 def sound_cases(
-    # case file of ``om.SqliteRecorder``; of one of several processes, what they share is in the file ``..._meta``
+    # case file of ``om.SqliteRecorder``; if it is one of several processes' files, their common data is in ``..._meta``
     file: str | os.PathLike,
 ) -> Iterator[SoundCases]:
-    """Copy the cases of a driver into a file that is there until the block ends."""
+    """Copy the cases of a driver into a file that exists until the block ends."""
     with tempfile.TemporaryDirectory() as folder, opened_cases(file) as source:
         copy = Path(folder) / "cases.sql"
         with closing(sqlite3.connect(copy)) as target, target:
-            target.execute("PRAGMA synchronous = OFF")  # it is gone when the block ends
+            target.execute("PRAGMA synchronous = OFF")  # it is deleted when the block ends
             for table, columns in _EMPTY.items():
                 target.execute(f"CREATE TABLE {table} ({', '.join(columns)})")
             for table, names in zip(COLUMNS, _names(source)):
@@ -77,7 +77,7 @@ def sound_cases(
 
 
 def _shared_by_processes(file: str | os.PathLike) -> str:
-    """File in which processes that each have one, with a number at its end, keep what they share."""
+    """File with the common data of processes that each write a numbered file."""
     stem, _, number = os.fspath(file).rpartition("_")
     if not stem or not number.isdecimal():
         raise InputError(f"{file}: is no case file that can be read (it has no table metadata); it may be damaged")
@@ -96,7 +96,7 @@ def _moments(source: sqlite3.Connection, table: str) -> list[Moment]:
 
 
 def _names(source: sqlite3.Connection) -> tuple[list[str], list[str]]:
-    """Names of the cases and of their gradients, by which OpenMDAO knows them: those in the file, if they differ."""
+    """Names by which OpenMDAO identifies the cases and their gradients: the file's own if they are distinct."""
     cases, gradients = (_moments(source, table) for table in COLUMNS)
     if len({name for _, name in cases}) < len(cases):
         return names_with_runs(cases, gradients)
@@ -117,14 +117,14 @@ def _copy_cases(source: sqlite3.Connection, target: sqlite3.Connection, table: s
 
 
 def _check_array(stored: bytes) -> None:
-    """Refuse an array that holds objects, which are pickles, or that is none."""
+    """Refuse an array of objects, which are pickles, or anything that is not an array."""
     np.lib.format.read_array(io.BytesIO(stored), allow_pickle=False, max_header_size=len(stored))
 
 
 def _copy_metadata(
     file: str | os.PathLike, source: sqlite3.Connection, target: sqlite3.Connection
 ) -> dict[str, dict[str, object]]:
-    """Copy what is said of the variables and of the diagram of the model; return the options of its systems."""
+    """Copy the metadata of variables and of the model's diagram; return the options of its systems."""
     names = ("format_version", "openmdao_version", *_METADATA)
     target.execute(f"CREATE TABLE metadata ({', '.join(names)})")
     version, release, *texts = source.execute(f"SELECT {', '.join(names)} FROM metadata").fetchone()
@@ -144,7 +144,7 @@ def _copy_metadata(
 
 
 def _options_of_last_run(source: sqlite3.Connection) -> dict[str, dict[str, object]]:
-    """Options of all systems; every ``run_model`` and ``run_driver`` that a recorder saw is a run, with a number."""
+    """Options of all systems; every recorded ``run_model`` and ``run_driver`` is a numbered run."""
     rows = source.execute("SELECT id, component_metadata FROM system_metadata ORDER BY rowid").fetchall()
     parts = [key.partition("!") for key, _ in rows]
     runs = [int(number or 0) for _, _, number in parts]
@@ -162,7 +162,7 @@ def _unpacked(stored: bytes) -> dict:
 
 
 def _decompressed(stored: bytes) -> bytes:
-    """What is compressed, if it grows within limits."""
+    """Decompressed data, if its size stays within limits."""
     member, limit = zlib.decompressobj(), max(MAX_SMALL, MAX_RATIO * len(stored))
     try:
         found = member.decompress(stored, limit)
@@ -174,7 +174,7 @@ def _decompressed(stored: bytes) -> bytes:
 
 
 class _Inert:
-    """Stands for all that a pickle names: takes what it is given, and does nothing."""
+    """Stand-in for everything a pickle names: accepts any arguments and does nothing."""
 
     def __init__(self, *arguments: Any, **settings: Any):
         self.state: Any = None
@@ -183,13 +183,13 @@ class _Inert:
         self.state = state
 
     def _ignore(self, *what: Any) -> None:
-        """Take members of what would be a list, a set or a mapping."""
+        """Accept members of a would-be list, set or mapping."""
 
     append = extend = add = __setitem__ = _ignore
 
 
 class _InertText(_Inert):
-    """Text that an object was made to for case files: see `bspline_mdao.core.om.model_option`."""
+    """Text of an object in case files: see `bspline_mdao.core.om.model_option`."""
 
     def __init__(self, *arguments: Any, **settings: Any):
         super().__init__()
@@ -197,16 +197,16 @@ class _InertText(_Inert):
 
 
 class _Unpickler(pickle.Unpickler):
-    """Reader of pickles that calls nothing."""
+    """Pickle reader that calls nothing."""
 
     def find_class(self, module: str, name: str) -> type:
-        """Give one class for whatever is named."""
+        """Return the same class for every name."""
         return _InertText if (module, name) == ("builtins", "str") else _Inert
 
 
 def _options(stored: bytes) -> dict[str, object]:
     """Values of the options of a system: texts, numbers, and lists and mappings of them."""
-    for opcode, place, _ in pickletools.genops(stored):  # complains of lengths beyond the end as well
+    for opcode, place, _ in pickletools.genops(stored):  # also detects lengths beyond the end
         if opcode.name in ("PUT", "LONG_BINPUT") and int(place or 0) > len(stored):
             raise ValueError("options of a system are damaged")
     try:

@@ -1,4 +1,4 @@
-"""Which values of a design are beyond their limits, and by how much: one rule for tables, reports and commands."""
+"""Values of a design beyond their limits, and by how much: one rule for tables, reports and commands."""
 
 from __future__ import annotations
 
@@ -10,40 +10,40 @@ import numpy as np
 __all__ = ["Violation", "in_words", "violations_of"]
 
 TOLERATED = 1e-4
-"""Part of a limit, or of the driver's unit where that is zero, by which a value may be beyond it: NLopt and SciPy end
-within 1e-6 of their unit, which is the limit where scaling is as it should be."""
+"""Fraction of a limit, or of the driver's unit if the limit is zero, by which a value may exceed it: NLopt and SciPy
+end within 1e-6 of their unit, which equals the limit if scaling is right."""
 
 LEAST = 1e-6
-"""Part of the driver's unit below which nothing counts: the default tolerance of `NLoptDriver`."""
+"""Fraction of the driver's unit that is always tolerated: the default tolerance of `NLoptDriver`."""
 
 MOST_NAMED = 3
-"""Values that are named, the worst ones first; of more it is said how many there are."""
+"""Number of values named, worst first; the rest are only counted."""
 
 
 class Violation(NamedTuple):
     """A value beyond its limit."""
 
     name: str  # name of the value, such as ``thickness[4]``
-    excess: float  # distance from the limit; not a number where the value is none
+    excess: float  # distance from the limit; NaN if the value is NaN
     side: str  # ``"below"`` or ``"above"``
     limit: float  # the limit
     tolerated: float  # distance up to which it counts as met
 
     def __str__(self) -> str:
-        """Say how far beyond which limit it is."""
+        """Say which limit it exceeds and by how much."""
         if np.isnan(self.excess):
             return f"{self.name} is no number"
         return f"{self.name} is {self.excess:.3g} {self.side} {self.limit:.6g}"
 
     @property
     def size(self) -> float:
-        """Distance from the limit by what counts as met; infinite for what is no number."""
+        """Distance from the limit relative to the tolerated distance; infinite for NaN."""
         return np.inf if np.isnan(self.excess) else self.excess / self.tolerated
 
 
 def violations_of(
     names: Sequence[str],  # names of the values
-    values: np.ndarray,  # values, lower, upper: (n,), values and limits, infinite or not a number where there is none
+    values: np.ndarray,  # values, lower, upper: (n,), values and limits, infinite or NaN if there is none
     lower: np.ndarray,
     upper: np.ndarray,
     unit: np.ndarray | float,  # what the driver sees as 1
@@ -53,7 +53,7 @@ def violations_of(
     for side, excess, limits in (("below", lower - values, lower), ("above", values - upper, upper)):
         sizes = np.where(limits == 0.0, unit, np.abs(limits))
         tolerated = np.maximum(TOLERATED * sizes, LEAST * np.abs(unit))
-        is_beyond = np.isfinite(limits) & ~(excess <= tolerated)  # what is no number is beyond
+        is_beyond = np.isfinite(limits) & ~(excess <= tolerated)  # NaN counts as beyond
         found += [
             Violation(names[n], float(excess[n]), side, float(limits[n]), float(tolerated[n]))
             for n in np.flatnonzero(is_beyond).tolist()
@@ -62,7 +62,7 @@ def violations_of(
 
 
 def in_words(violations: Sequence[Violation]) -> str:
-    """Say that a design is infeasible, by the worst values and how much these are beyond; empty where none is."""
+    """Say that a design is infeasible, with its worst values and their excess; empty if it is feasible."""
     if not violations:
         return ""
     worst = sorted(violations, key=lambda each: each.size, reverse=True)

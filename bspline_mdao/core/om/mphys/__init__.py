@@ -1,4 +1,4 @@
-"""Geometry, grid movement and flow in the roles of MPhys, so that other solvers can take part."""
+"""Geometry, grid movement and flow as MPhys components, so other solvers can take part."""
 
 from importlib.util import find_spec
 

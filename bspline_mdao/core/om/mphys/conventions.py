@@ -1,7 +1,7 @@
-"""Names and tags that MPhys and its solvers agree on, in both generations of MPhys.
+"""Names and tags used by MPhys and its solvers, in both generations of MPhys.
 
-Version 2 of MPhys renamed variables and gave its modules other places. Solvers follow at their own pace, so both are
-served: each component takes a ``generation``, which is that of the installed MPhys unless it is said.
+Version 2 of MPhys renamed variables and moved its modules. Solvers follow at their own pace, so both are supported:
+each component takes a ``generation``, by default the installed MPhys's.
 """
 
 from __future__ import annotations
@@ -17,33 +17,34 @@ COORDINATES, COUPLING, INPUT, RESULT = "mphys_coordinates", "mphys_coupling", "m
 """Tags by which the groups of MPhys promote variables."""
 
 VOLUME = "aero_vol_coords"
-"""Volume nodes. MPhys has no name for them: this is DAFoam's, ADflow says ``adflow_vol_coords``."""
+"""Volume nodes. MPhys has no name for them: this is DAFoam's; ADflow uses ``adflow_vol_coords``."""
 
 X_AERO, X_JIG = "x_aero", "x_aero0"
-"""Surface nodes that the flow sees, and those at the start of an analysis: alike in both generations."""
+"""Surface nodes seen by the flow, and surface nodes at the start of an analysis: the same in both generations."""
 
 F_AERO, U_AERO = "f_aero", "u_aero"
-"""Forces on the surface nodes (N) and their displacements (m): alike in both generations."""
+"""Forces on the surface nodes (N) and their displacements (m): the same in both generations."""
 
 X_STRUCT, U_STRUCT = "x_struct0", "u_struct"
-"""Nodes of a structure at the start of an analysis and their displacements (m): alike in both generations."""
+"""Structural nodes at the start of an analysis and their displacements (m): the same in both generations."""
 
 
 @dataclass(frozen=True)
 class Names:
-    """Names of variables that are others in each generation of MPhys."""
+    """Names of variables that differ between the generations of MPhys."""
 
-    mesh: str  # surface nodes as a solver read them
-    # geometry_input, geometry_output: the same before and after the geometry
+    mesh: str  # surface nodes as read by a solver
+    # geometry_input, geometry_output: these nodes before and after the geometry
     geometry_input: str
     geometry_output: str
-    # tags of ``geometry_input``: MPhys connects it either where its groups promote it, or in the geometry itself
+    # tags of ``geometry_input``: MPhys connects it either at the level its groups promote it to, or in the geometry
+    # itself
     input_tags: tuple[str, ...]
     # angle_of_attack, mach_number, dynamic_pressure: conditions of a flow
     angle_of_attack: str
     mach_number: str
     dynamic_pressure: str
-    # struct_mesh, struct_loads: nodes of a structure as its solver read them, and the loads on them
+    # struct_mesh, struct_loads: structural nodes as read by their solver, and the loads on them
     struct_mesh: str
     struct_loads: str
 
@@ -76,16 +77,16 @@ GENERATIONS = {
 
 
 def generation_of(module: ModuleType) -> int:
-    """Generation of an MPhys: that of version 2 has a list of its names."""
+    """Generation of an MPhys module: version 2 has a list of its names."""
     return 2 if hasattr(module, "MPhysVariables") else 1
 
 
 INSTALLED = generation_of(mphys)
-"""Generation of the MPhys that is installed."""
+"""Generation of the installed MPhys."""
 
 
 def names_of(generation: int | None, pathname: str) -> Names:
-    """Names of a generation of MPhys; of the installed one for None."""
+    """Names of a generation of MPhys; the installed one for None."""
     if generation is None:
         generation = INSTALLED
     if generation not in GENERATIONS:

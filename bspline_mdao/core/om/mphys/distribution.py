@@ -1,4 +1,4 @@
-"""Which nodes of a surface or a grid each process of a solver holds."""
+"""Which nodes of a surface or a grid each process of a solver has."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ __all__ = ["nodes_of_rank"]
 
 
 def nodes_of_rank(
-    # as a user gives them, on every process its own, or none of them. By default all nodes are dealt out in their
-    # order, as many to each process.
+    # given by the user, on every process its own, possibly none. By default all nodes are distributed in order, equally
+    # many to each process.
     numbers: Sequence[int] | np.ndarray | None,
     n: int,  # number of nodes there are
     name: str,  # name, pathname: option and component, for messages
     comm: Any,  # the processes
     pathname: str,
 ) -> np.ndarray:  # of int
-    """Numbers of the nodes that this process holds."""
+    """Numbers of this process's nodes."""
     if comm.size == 1:
         return as_node_numbers(numbers, n, name, pathname)
     with together(comm):

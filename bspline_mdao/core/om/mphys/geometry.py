@@ -1,4 +1,4 @@
-"""The geometry role of MPhys: design variables to the aerodynamic surface."""
+"""The geometry component for MPhys: design variables to the aerodynamic surface."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ["GeometryBuilder", "SurfaceGeometry"]
 
 
 class SurfaceGeometry(Copied, om.Group):
-    """Move the surface of a solver by design variables, as pyGeo's ``OM_DVGEOCOMP`` does with an FFD box.
+    """Move a solver's surface by design variables, like pyGeo's ``OM_DVGEOCOMP`` with an FFD box.
 
     ==============================  ======  ============  =====  ====================================================
     name                            role    shape         units  meaning
@@ -42,35 +42,35 @@ class SurfaceGeometry(Copied, om.Group):
     name of each measure            output  its own       its    what it measures, see `SurfaceMeasure`
     ==============================  ======  ============  =====  ====================================================
 
-    The displacement of every node is added to the input: at initial values a solver gets its own nodes back. In MPhys
-    1.x the nodes are called ``x_aero_in`` and ``x_aero0``. On several processes they are distributed, and each process
-    moves those of its own part of the solver.
+    The displacement of every node is added to the input, so at initial values a solver gets its own nodes back. In
+    MPhys 1.x the nodes are called ``x_aero_in`` and ``x_aero0``. On several processes they are distributed, and each
+    process moves the nodes of its part of the solver.
 
     Options
     -------
     model : FittedModel or MeshModel
-        The fitted grid, or a mesh without structure.
+        The fitted grid, or an unstructured mesh.
     parametrization : Parametrization
         The variables and the linear constraints.
     surface : SurfaceGrid, optional
         The surface; all walls by default.
     numbers : sequence of int, optional
-        The node of the surface that each of the solver's points is, see `bspline_mdao.grids.topology.sharing`: of its
-        points on this process, which may be none. By default the solver has all nodes in the order of the surface, as
-        many on each process.
+        Surface node of each of the solver's points on this process, possibly none, see
+        `bspline_mdao.grids.topology.sharing`. By default the solver has all nodes in surface order, equally many on
+        each process.
     measures : sequence of Measure
-        What is measured of the surface.
+        Measures of the surface.
     point_sets : dict of str to ndarray, each of shape (n, 3)
-        Points of other disciplines inside the surface or on it (m), on the baseline, by the names of MPhys: with
-        ``{"x_struct0": nodes}`` the nodes of a structure come in as ``x_struct0_geometry_input`` and go out, moved with
-        the surface, as ``x_struct0_geometry_output``; see `RidingPoints`.
+        Baseline points of other disciplines inside the surface or on it (m), by MPhys names: with
+        ``{"x_struct0": nodes}`` structural nodes are the input ``x_struct0_geometry_input`` and, moved with the
+        surface, the output ``x_struct0_geometry_output``; see `RidingPoints`.
     generation : int, optional
         1 or 2: the MPhys whose names are used; by default the one that is installed.
 
     Raises
     ------
     InputError
-        In ``setup``, if a number does not exist, or the generation, or if a point of a set is outside the surface.
+        In ``setup``, if a node number or the generation does not exist, or if a point of a set is outside the surface.
 
     Examples
     --------
@@ -176,12 +176,12 @@ class _Displaced(CheckedOnProcesses, om.ExplicitComponent):
 class GeometryBuilder(Builder):
     """The geometry of scenarios that run in parallel, each with its own copy (``geometry_builder``).
 
-    Elsewhere add a `SurfaceGeometry` yourself, once for all scenarios.
+    In other cases add one `SurfaceGeometry` for all scenarios.
 
     Parameters
     ----------
     **options
-        Those of `SurfaceGeometry`.
+                Options of `SurfaceGeometry`.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Points of structures and other disciplines that ride on the surface of a geometry.
+"""Points of structures and other disciplines that move with the surface of a geometry.
 
 Theory: ``docs/theory/body_points.rst``.
 """
@@ -20,7 +20,7 @@ __all__ = ["RidingPoints"]
 
 
 class RidingPoints(Copied, om.ExplicitComponent):
-    """Add to points inside a surface what the surface moves them by.
+    """Move points inside a surface with the surface.
 
     ==============================  ======  =======  =====  ============================================================
     name                            role    shape    units  meaning
@@ -31,7 +31,7 @@ class RidingPoints(Copied, om.ExplicitComponent):
     ==============================  ======  =======  =====  ============================================================
 
     ``x_struct0`` stands for the name of the set; in MPhys 1.x these are ``x_struct_in`` and ``x_struct0``. On several
-    processes all have all points.
+    processes each has all points.
 
     Options
     -------
@@ -40,7 +40,7 @@ class RidingPoints(Copied, om.ExplicitComponent):
     points : ndarray, shape (n, 3)
         The points on the baseline (m).
     surface : SurfaceGrid
-        What they ride on.
+                The surface that moves them.
     generation : int, optional
         1 or 2: the MPhys whose names are used; by default the one that is installed.
 
@@ -60,7 +60,7 @@ class RidingPoints(Copied, om.ExplicitComponent):
         self.options.declare("generation", default=None, desc="MPhys whose names are used")
 
     def setup(self) -> None:
-        """Find what the points ride on, and declare the variables."""
+        """Embed the points in the surface, and declare the variables."""
         surface, name, points = (self.options[option] for option in ("surface", "name", "points"))
         body, tags = Body(surface.points, surface.quads), names_of(self.options["generation"], self.msginfo).input_tags
         points = require_contained(body, points, f"{self.msginfo}: {name}")

@@ -16,7 +16,7 @@ __all__ = ["Renamed", "Renaming"]
 
 @dataclass(frozen=True)
 class Renaming:
-    """A variable under two names, and how each is declared."""
+    """A variable under two names, with the declaration of each."""
 
     source: str
     target: str

@@ -1,4 +1,4 @@
-"""Forces on the nodes of the surface, as MPhys hands them to structures."""
+"""Forces on the surface nodes, as MPhys passes them to structures."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .distribution import nodes_of_rank
 __all__ = ["WALL_FORCES", "SolverLoads"]
 
 WALL_FORCES = "wall_forces"
-"""Forces on all nodes of the surface, as the flows of this package return them."""
+"""Forces on all surface nodes, as the flows of this package return them."""
 
 
 class SolverLoads(CheckedOnProcesses, om.ExplicitComponent):
-    """Give each process the forces on its nodes of the surface.
+    """Give each process the forces on its surface nodes.
 
     ===============  ======  ============  =====  ======================================================================
     name             role    shape         units  meaning

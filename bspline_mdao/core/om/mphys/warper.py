@@ -1,4 +1,4 @@
-"""The warper role of MPhys: surface coordinates to volume coordinates."""
+"""The warper component for MPhys: surface coordinates to volume coordinates."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ INSIDE = (
     'the grid has to be moved inside the coupling: give the builder scenario="aerostructural", or let it return this '
     "group from get_coupling_group_subsystem instead of get_pre_coupling_subsystem"
 )
-"""What to do where the nodes of the surface come from a coupling that has not run yet."""
+"""What to do if the surface nodes come from a coupling that has not run yet."""
 
 
 class VolumeWarper(Copied, om.Group):
-    """Move the volume grid with the surface, as IDWarp does for ADflow and DAFoam.
+    """Move the volume grid with the surface, like IDWarp for ADflow and DAFoam.
 
-    The surface control points follow the nodes, the mover moves the control mesh, and the grid is regenerated,
-    with the nodes of its wall exactly where the solver has them.
+    The surface control points follow the nodes, the mover moves the control mesh, and the grid is regenerated with its
+    wall nodes exactly where the solver has them.
 
     ===================  ======  ============  ==============================================================
     name                 role    shape         meaning
@@ -49,44 +49,43 @@ class VolumeWarper(Copied, om.Group):
     ``aero_vol_coords``  output  (3 n_nodes)   volume nodes of the solver (m), under the name ``volume_name``
     ===================  ======  ============  ==============================================================
 
-    On several processes ``x_aero`` and the volume nodes are distributed: each process has the nodes of its own part of
-    the solver, any number of them.
+    On several processes ``x_aero`` and the volume nodes are distributed: each process has the nodes of its part of the
+    solver, any number of them.
 
     Options
     -------
     model : FittedModel or MeshModel
-        The fitted grid; or a mesh without structure, on one process.
+        The fitted grid; or an unstructured mesh, on one process.
     mover : Mover, optional
-        Moves its control mesh; by default that of `GridMovement`, with all walls as the design surface.
+        Moves its control mesh; by default as in `GridMovement`, with all walls as the design surface.
     surface : SurfaceGrid, optional
         The design surface; all walls by default.
     numbers : sequence of int, optional
-        The node of the surface that each of the solver's surface points is, of its points on this process, which may be
-        none; by default all in their order, as many on each process. Of a node that is given more than once, also by
-        several processes, the mean counts.
+        Surface node of each of the solver's surface points on this process, possibly none; by default all nodes in
+        order, equally many on each process. A node given more than once, also by several processes, gets the mean.
     rows : sequence of int, optional
-        The row of the grid that each of the solver's volume nodes is, of its nodes on this process, see
-        `bspline_mdao.grids.topology.sharing`: no others are evaluated. By default all, blocks in file order, each in C
-        order of (i, j, k); of several processes each has those that `Partition.of` deals out to it.
+        Grid row of each of the solver's volume nodes on this process, see `bspline_mdao.grids.topology.sharing`; only
+        these are evaluated. By default all rows, blocks in file order, each in C order of (i, j, k); several processes
+        each have the rows assigned by `Partition.of`.
     volume_name : str
         What the solver calls the volume nodes: "aero_vol_coords" (DAFoam), "adflow_vol_coords" (ADflow).
     require_valid : bool
-        Refuse surfaces that invert cells of the grid, see `GridMovement`; none are where ``rows`` are given.
+        Refuse surfaces that invert cells of the grid, see `GridMovement`; nothing is refused if ``rows`` are given.
     comoving : bool
-        Let all that is fixed go along with the rigid part of the surface's motion, see `GridMovement`.
+        Move everything fixed with the rigid part of the surface's motion, see `GridMovement`.
 
     Raises
     ------
     InputError
         In ``setup``, if a number or a row does not exist, if the nodes do not determine the control points, or if the
-        mover is that of another model. In a run, if the nodes of the surface come from what runs later.
+        mover belongs to another model. In a run, if the surface nodes come from a component that runs later.
 
     Notes
     -----
-    Every node that the solver gives is met to round-off, whatever the surface: one from `SurfaceGeometry`, which gives
-    the grid of `GridMovement`, or an elastic wing's, of which control points alone would miss a part. That part fades
-    over the blocks, see :doc:`/theory/asked_walls`; `miss` tells how much it is, and where, and so does the log to
-    those who ask for information. Nodes of the surface that the solver does not give follow the control points.
+    The grid matches every given node to round-off, whatever the surface: one from `SurfaceGeometry`, which gives the
+    grid of `GridMovement`, or an elastic wing's, which control points do not match exactly. The remaining distance
+    fades out over the blocks, see :doc:`/theory/asked_walls`; `miss` and the log at level INFO say how large it is, and
+    where. Surface nodes that the solver does not give follow the control points.
 
     Examples
     --------
@@ -159,16 +158,16 @@ class VolumeWarper(Copied, om.Group):
 
     @property
     def miss(self) -> SurfaceMiss | None:
-        """Distances by which control points alone would have missed the nodes in the last run; None before any."""
+        """Distances between the nodes and the control points' surface in the last run; None before any run."""
         return self.movement.fit_surface.miss
 
 
 _FIRST = {"src_indices": [0], "flat_src_indices": True, "src_shape": (1,)}
-"""Of what MPhys connects and nobody reads, one number: OpenMDAO leaves no distributed input unconnected."""
+"""One number of what MPhys connects and nothing reads: OpenMDAO leaves no distributed input unconnected."""
 
 
 class _SolverSurface(CheckedOnProcesses, om.ExplicitComponent):
-    """Take the nodes of the surface from a solver, each once: the mean of those that are given more than once."""
+    """Take the surface nodes from a solver, each once, averaging nodes given more than once."""
 
     # The solver's nodes are distributed, the surface is the same on all processes: the sum of their parts.
 

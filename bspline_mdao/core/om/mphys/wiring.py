@@ -1,4 +1,4 @@
-"""What MPhys connects wrongly without a word: it is told in one line."""
+"""One-line errors for connections that MPhys silently makes wrong."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ def require_source_before(
     name: str,  # its input
     advice: str,  # what to do about it
 ) -> None:
-    """Refuse an input whose source runs later in a group that does not iterate: it would be where the source begins."""
+    """Refuse an input whose source runs later in a group without iteration: it would get the source's initial value."""
     source = component.get_source(f"{component.pathname}.{name}")
     ours, theirs = component.pathname.split("."), source.split(".")
     n_common = next(k for k, (a, b) in enumerate(zip(ours, theirs)) if a != b)
-    group = component._problem_meta["model_ref"]()  # OpenMDAO has no public way to the groups around a component
+    group = component._problem_meta["model_ref"]()  # OpenMDAO has no public access to the groups around a component
     for part in ours[:n_common]:
         group = getattr(group, part)
     order = [system.name for system in group.system_iter(recurse=False)]

@@ -1,1 +1,1 @@
-"""Many designs of one problem: plans of them, and a file of their grids."""
+"""Many designs of one problem: design plans, and a file of their grids."""

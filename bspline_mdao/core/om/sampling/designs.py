@@ -1,4 +1,4 @@
-r"""A file of many designs: one HDF5 file, whose arrays are laid out when it is made, and rows of which are then filled.
+r"""A file of many designs: one HDF5 file whose arrays are laid out when it is made and then filled row by row.
 
 ::
 
@@ -11,9 +11,9 @@ r"""A file of many designs: one HDF5 file, whose arrays are laid out when it is 
     nodes                   (n, n_nodes, 3): nodes of the grid (m), where they are stored
     control_points          (n, n_control_points, 3): control points (m), where they are stored
 
-All arrays are contiguous, so that a row is a piece of the file: processes write their rows without HDF5's own library,
-nothing but these pieces ever changes, and a run that is killed leaves a file that is whole. A row counts once its state
-says so, which is written last.
+All arrays are contiguous, so a row is one piece of the file. Processes write their rows without the HDF5 library, only
+these pieces ever change, and a killed run leaves an intact file. A row counts once its state says so, and the state is
+written last.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ PENDING, MADE, REFUSED = range(3)
 NODES = "nodes"
 
 _LONGEST_REASON = 400
-"""Bytes of a reason that are kept."""
+"""Number of bytes of a reason that are stored."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """An array of the file: what it holds of one design."""
+    """An array of the file, as it is for one design."""
 
     name: str
     shape: tuple[int, ...] = ()
@@ -60,10 +60,10 @@ def make_designs(
     file: str | os.PathLike,  # file to make
     variables: Mapping[str, Mapping[str, Any]],  # size, units, lower and upper of each
     values: Mapping[str, np.ndarray],  # (n, size), of each
-    columns: Sequence[Column],  # what else is kept of every design
+    columns: Sequence[Column],  # what else is stored for every design
     about: Mapping[str, Any],  # attributes
 ) -> None:
-    """Lay the file out: `InputError` where it is there, or the disk has no room for it."""
+    """Lay out the file; `InputError` if it exists, or if the disk has no room for it."""
     path, n = Path(file), len(next(iter(values.values())))
     all_columns = [*columns, Column("state", dtype=np.int8), Column("reason", dtype=f"S{_LONGEST_REASON}")]
     n_bytes = n * sum(int(np.prod(c.shape)) * np.dtype(c.dtype).itemsize for c in all_columns)
@@ -93,7 +93,7 @@ def make_designs(
 
 
 def _lay_out(made: h5py.File, column: Column, n: int) -> None:
-    """Reserve the place of an array, which is not written yet: the file system gives zeros."""
+    """Reserve space for an array without writing it: the file system gives zeros."""
     properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     properties.set_layout(h5py.h5d.CONTIGUOUS)
     properties.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
@@ -106,7 +106,7 @@ def _lay_out(made: h5py.File, column: Column, n: int) -> None:
 
 
 class Rows:
-    """Rows of a file of designs, to be written by one of several processes."""
+    """Rows of a file of designs, written by one of several processes."""
 
     def __init__(self, file: str | os.PathLike):
         self._arrays = {}
@@ -123,13 +123,13 @@ class Rows:
         return self._arrays["state"]
 
     def write(self, row: int, values: Mapping[str, Any]) -> None:
-        """Write what is kept of a design that was made."""
+        """Write the stored data of a design that was made."""
         for name, value in values.items():
             self._arrays[name][row] = value
         self._finish(row, MADE)
 
     def refuse(self, row: int, reason: str) -> None:
-        """Say why there is no design; its numbers are none."""
+        """Store why there is no design; its numbers stay NaN."""
         for array in self._arrays.values():
             if array.dtype.kind == "f":
                 array[row] = np.nan
@@ -144,19 +144,19 @@ class Rows:
 class Designs(OneLine):
     """The valid designs of a file, in order: a sequence that PyTorch accepts as a ``Dataset``.
 
-    ``designs[i]`` is a pair: the values of all variables of a design, shape (n_values,), and what is stored of it, the
-    nodes of its grid, shape (n_nodes, 3), or its control points. The file is opened for each, so that several processes
-    may read it at once, also while it is being written: those that are made by then count.
+    ``designs[i]`` is a pair: the values of all variables of a design, shape (n_values,), and its stored data, the grid
+    nodes, shape (n_nodes, 3), or the control points. The file is opened for each design, so several processes may read
+    it at once, even while it is being written; designs made by then count.
 
     Parameters
     ----------
     file : path-like
-        File that `sample` has written.
+        File written by `sample`.
 
     Raises
     ------
     InputError
-        If it is no such file.
+        If it is not such a file.
 
     Examples
     --------
@@ -175,15 +175,15 @@ class Designs(OneLine):
         object.__setattr__(self, "rows", rows)
         object.__setattr__(self, "about", about)
 
-    rows: np.ndarray  # (n,), places of the designs among all that were asked for
-    about: Mapping[str, Any]  # what the file says of itself: plan, model, package
+    rows: np.ndarray  # (n,), positions of the designs among all requested ones
+    about: Mapping[str, Any]  # the file's own attributes: plan, model, package
 
     def __len__(self) -> int:
         """Number of designs that were made."""
         return len(self.rows)
 
     def __getitem__(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Values of the variables of a design, and what is stored of it."""
+        """Values of the variables of a design, and its stored data."""
         row = self.rows[number]
         with opened(self.file) as found:
             values = np.concatenate([found["variables"][name][row] for name in found["variables"]])
@@ -192,7 +192,7 @@ class Designs(OneLine):
 
     @property
     def ranges(self) -> dict[str, tuple[float, float, str]]:
-        """Lower and upper bound, and units, of every value of a design by its name, such as ``twist[1]``."""
+        """Lower and upper bounds and units of every value of a design by name, such as ``twist[1]``."""
         with opened(self.file) as found:
             return {
                 name: (float(low), float(high), variable.attrs["units"])
@@ -208,7 +208,7 @@ class Designs(OneLine):
 
     @property
     def quality(self) -> dict[str, np.ndarray]:
-        """Numbers of the quality of all designs, each of shape (n,)."""
+        """Quality numbers of all designs, each of shape (n,)."""
         with opened(self.file) as found:
             return {name: found["quality"][name][:][self.rows] for name in found.get("quality", ())}
 
@@ -220,18 +220,18 @@ class Designs(OneLine):
 
     @property
     def refused(self) -> dict[int, str]:
-        """Why designs were refused, by their places among all that were asked for."""
+        """Why designs were refused, by their positions among all requested ones."""
         with opened(self.file) as found:
             rows = np.flatnonzero(found["state"][:] == REFUSED)
             return {int(row): found["reason"][row].decode(errors="replace") for row in rows}
 
     def grid(self, number: int, model: Any) -> Any:
-        """Grid or mesh of a design, to be written by `bspline_mdao.write_grid` for example.
+        """Return the grid or mesh of a design, for example to write it by `bspline_mdao.write_grid`.
 
         Parameters
         ----------
         number : int
-            Which design, of those that were made, from 0.
+            Number of the design among those made, from 0.
         model : FittedModel or MeshModel
             The model that was sampled.
 
@@ -242,7 +242,7 @@ class Designs(OneLine):
         Raises
         ------
         InputError
-            If the model is another one, or nothing is stored.
+            If the model is a different one, or nothing is stored.
         """
         if model.checksum != self.about["model"]:
             raise InputError(f"{self.file}: holds designs of another model than {model.source}; give that one")
@@ -255,7 +255,7 @@ class Designs(OneLine):
 
 @contextmanager
 def opened(file: str | os.PathLike) -> Iterator[h5py.File]:
-    """Open a file of designs for reading; `InputError` where it is none."""
+    """Open a file of designs for reading; `InputError` if it is not one."""
     try:
         found = h5py.File(file, "r", locking=False)
     except (OSError, ValueError) as error:

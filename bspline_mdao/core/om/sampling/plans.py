@@ -1,6 +1,6 @@
-"""Plans of designs between the bounds of the variables, as generators of OpenMDAO's ``DOEDriver``.
+"""Plans of designs within the bounds of the variables, as generators for OpenMDAO's ``DOEDriver``.
 
-What fills a cube evenly is SciPy's. The same plan of the same variables and seed is the same set of designs, on any
+SciPy fills the cube evenly. The same plan with the same variables and seed gives the same set of designs on any
 machine.
 """
 
@@ -25,7 +25,7 @@ __all__ = ["LatinHypercube", "Sobol", "Table"]
 Case = list[tuple[str, np.ndarray]]
 
 _NO_BOUND = 1e16
-"""OpenMDAO writes 1e30 for a bound that is not there; scaling may reduce it."""
+"""OpenMDAO writes 1e30 for an absent bound; scaling may reduce it."""
 
 
 class _InCube(DOEGenerator, ABC):
@@ -72,12 +72,12 @@ class LatinHypercube(_InCube):
     n : int
         Number of designs.
     seed : int
-        Other designs for another seed.
+        Seed of the random numbers; another seed gives other designs.
 
     Raises
     ------
     InputError
-        If the number is none; when it is asked for designs, if a variable has no bounds.
+        If the number is invalid; when called, if a variable has no bounds.
 
     Examples
     --------
@@ -93,14 +93,14 @@ class LatinHypercube(_InCube):
 
 
 class Sobol(_InCube):
-    """Designs of a scrambled Sobol sequence, whose first designs already fill the ranges evenly.
+    """Designs of a scrambled Sobol sequence, which fills the ranges evenly from the first designs on.
 
     Parameters
     ----------
     n : int
         Number of designs; powers of two fill the ranges best.
     seed : int
-        Other designs for another seed.
+        Seed of the random numbers; another seed gives other designs.
 
     Raises
     ------
@@ -116,23 +116,23 @@ class Sobol(_InCube):
 
     def _points(self, n_values: int, generator: np.random.Generator) -> np.ndarray:
         """Points of the unit cube, shape (n, n_values)."""
-        n_doublings = int(np.ceil(np.log2(self.n)))  # SciPy warns of what is no power of two, and this is cut off
+        n_doublings = int(np.ceil(np.log2(self.n)))  # SciPy warns unless it is a power of two; the excess is cut off
         return qmc.Sobol(n_values, seed=generator).random_base2(n_doublings)[: self.n]
 
 
 class Table(DOEGenerator):
-    r"""Designs of a table: a CSV file whose head names values, such as ``twist[0],twist[1],alpha``.
+    r"""Designs of a table: a CSV file whose header names values, such as ``twist[0],twist[1],alpha``.
 
     Parameters
     ----------
     file : path-like
-        The file. Values that it does not name stay as they are at the start of `sample`; a ``DOEDriver`` wants all or
-        none of a variable.
+        The file. Values it does not name keep their values from the start of `sample`; a ``DOEDriver`` needs all values
+        of a variable or none.
 
     Raises
     ------
     InputError
-        When it is asked for designs, if the file cannot be read, names something else, or a value is no number.
+        When called, if the file cannot be read, names something unknown, or has a value that is not a number.
 
     Examples
     --------
@@ -176,7 +176,7 @@ class Table(DOEGenerator):
             yield list(case.items())
 
     def _read(self) -> tuple[list[str], list[list[str]]]:
-        """Heads, and the rows of as many texts."""
+        """Header, and rows of equally many texts."""
         try:
             with open(self.file, newline="", encoding="utf-8-sig") as file:
                 found = [[text.strip() for text in row] for row in csv.reader(file) if row]

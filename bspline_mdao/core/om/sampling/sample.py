@@ -1,12 +1,12 @@
-"""Designs of a plan, one after the other or by several processes: run, judged, and written to one file.
+"""Designs of a plan, run, judged and written to one file, one after the other or by several processes.
 
-A design is refused, with the reason, where a component raises `openmdao.api.AnalysisError`, or where a cell of its grid
-is inverted that was not on the baseline. Nothing of a design depends on those before it, so that a run that was stopped
-goes on where it was, and several processes give what one gives, to rounding.
+A design is refused, with the reason, if a component raises `openmdao.api.AnalysisError`, or if a cell of its grid is
+inverted which was valid on the baseline. No design depends on earlier ones, so a stopped run can be continued, and
+several processes give the same results as one, to rounding.
 
-Control meshes of several designs move together, which takes less time than one after the other, where nothing but our
-geometry comes before: runs up to the movement say where each surface goes. Then every design is run as a whole, so that
-one grid is in memory at a time.
+If only this package's geometry comes before the movement, the control meshes of several designs move together, which is
+faster than one after the other: runs up to the movement find where each surface goes. Then every design is run as a
+whole, so only one grid is in memory at a time.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ __all__ = ["sample"]
 STORED = (NODES, "control_points", "")
 
 SAME = 1e-12
-"""Grids are the same up to this part of the size of the control mesh."""
+"""Tolerance for equal grids, as a fraction of the size of the control mesh."""
 
 LIGHT = (om.IndepVarComp, om.ExecComp, Fit, SurfaceControl, SurfaceEvaluate, SurfaceMeasure)
-"""Components that take little time beside a movement, and may be run twice for a design; a fit knows its last grid."""
+"""Components that are cheap compared with a movement, and may run twice for a design; a fit caches its last grid."""
 
 WAIT = 0.2
-"""Seconds between looks at how far other processes are."""
+"""Seconds between checks on the progress of other processes."""
 
 
 def sample(
@@ -72,38 +72,38 @@ def sample(
     Parameters
     ----------
     problem : openmdao.api.Problem
-        A problem that has been set up, with design variables that have bounds, and whose outputs ``control_points`` and
-        ``grid`` are promoted to the top, as those of `bspline_mdao.GridMovement` are. ``GridMovement(quality=False,
-        require_valid=False)`` leaves the judgement of cells to this function, which saves doing it twice.
+        A problem that has been set up, with bounded design variables and with ``control_points`` and ``grid`` promoted
+        to the top, as `bspline_mdao.GridMovement` does. With ``GridMovement(quality=False, require_valid=False)`` only
+        this function judges the cells, instead of doing it twice.
     model : FittedModel or MeshModel
         The model whose grid moves.
     plan : openmdao DOEGenerator
-        The designs: `LatinHypercube`, `Sobol` or `Table`, or any generator of OpenMDAO, which is given bounds in the
-        units of the design variables.
+        The designs: `LatinHypercube`, `Sobol` or `Table`, or any OpenMDAO generator, which gets bounds in the units of
+        the design variables.
     file : path-like
         File to make (``.h5``), see `Designs`.
     outputs : sequence of str
-        Outputs of the problem to write as well, besides objectives and constraints.
+        Outputs of the problem to write in addition to objectives and constraints.
     store : {"nodes", "control_points", ""}
-        What is stored of a grid: its nodes, 24 bytes each; the control points, of which `Designs.grid` makes them
-        again; or nothing.
+        What is stored of a grid: its nodes, 24 bytes each; the control points, from which `Designs.grid` regenerates
+        the nodes; or nothing.
     single : bool
-        Store them with single precision.
+        Store them in single precision.
     restart : bool
-        Go on with a file of the same plan that is there, with what is missing in it.
+        Continue an existing file of the same plan with its missing designs.
     processes : int
-        How many processes share the designs, each on its part of the threads.
+        Number of processes that share the designs and the threads.
 
     Returns
     -------
     Designs
-        Those that were made.
+                The designs that were made.
 
     Raises
     ------
     InputError
-        If the problem has no such variables and outputs, the file is there or is of another plan, the disk has no room,
-        or the control points alone do not give the grid.
+        If the problem lacks such variables or outputs, the file exists or is of another plan, the disk has no room, or
+        the control points do not determine the grid.
 
     Examples
     --------
@@ -151,7 +151,7 @@ def sample(
 
 @dataclass(frozen=True)
 class _Run:
-    """A problem that is run at designs, and what is kept of each."""
+    """A problem that is run at designs, and what is stored of each."""
 
     problem: om.Problem
     model: Movable
@@ -159,11 +159,11 @@ class _Run:
     judge: CellJudge
     outputs: tuple[str, ...]  # besides objectives and constraints
     store: str
-    move: ControlMeshMove | None  # whose moves go together
+    move: ControlMeshMove | None  # whose moves are made together
 
     @classmethod
     def of(cls, problem: om.Problem, model: Movable, outputs: Sequence[str], store: str) -> _Run:
-        """Look at the problem, and run it at the start: what does not work there works nowhere."""
+        """Check the problem and run it at the start: if that fails, every design would."""
         driver = problem.driver
         for name in (CONTROL_POINTS, GRID, *outputs):
             try:
@@ -175,7 +175,7 @@ class _Run:
         return cls(problem, model, ScaledModel(driver), judge, tuple(outputs), store, _together(problem.model))
 
     def columns(self, single: bool) -> list[Column]:
-        """What is kept of a design."""
+        """What is stored of a design."""
         units = self._units()
         return [
             Column(
@@ -188,7 +188,7 @@ class _Run:
         ]
 
     def kept(self) -> dict[str, Any]:
-        """What is kept of the design that the problem is at, by the names of columns."""
+        """What is stored of the problem's current design, by column."""
         nodes = self.problem.get_val(GRID).reshape(-1, 3)
         numbers = self.judge.summary(nodes)
         if numbers.pop("n_newly_inverted"):
@@ -200,7 +200,7 @@ class _Run:
         return found
 
     def make(self, rows: np.ndarray, values: Mapping[str, np.ndarray], written: Rows, progress: Progress) -> None:
-        """Make designs, by their places in the plan."""
+        """Make designs, given by their positions in the plan."""
         is_checked = self.store != CONTROL_POINTS
         for number, row in enumerate(rows):
             if number % TOGETHER == 0:
@@ -219,7 +219,7 @@ class _Run:
             progress((number + 1) / len(rows), "")
 
     def _move_ahead(self, rows: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
-        """Move the control meshes of designs together; what fails before it is moved fails again when it is run."""
+        """Move the control meshes of designs together; what fails before its move fails again when it is run."""
         if self.move is None or len(rows) == 1:
             return
         with self.move.noting() as requests:
@@ -230,7 +230,7 @@ class _Run:
         self.move.move_ahead(requests)
 
     def _require_regenerated(self) -> None:
-        """Refuse to store control points alone where more than these decides on the grid."""
+        """Refuse to store only control points if they do not determine the grid."""
         nodes = self.model.node_map.at(self.problem.get_val(CONTROL_POINTS).reshape(-1, 3)).nodes
         off = np.abs(nodes - self.problem.get_val(GRID).reshape(-1, 3)).max()
         if off > SAME * np.ptp(self.model.control_points):
@@ -249,7 +249,7 @@ class _Run:
         return found | {name: self.problem.get_val(name) for name in self.outputs if name not in found}
 
     def _units(self) -> dict[str, str]:
-        """Units of these, empty where they have none."""
+        """Units of these, empty if they have none."""
         model, driver = self.problem.model, self.problem.driver
         of_sources = model.get_io_metadata(metadata_keys=("units",), get_remote=True)
         asked = {name: meta.get("units") for metas in (driver._objs, driver._cons) for name, meta in metas.items()}
@@ -259,7 +259,7 @@ class _Run:
 
 
 def _together(model: om.Group) -> ControlMeshMove | None:
-    """What moves control meshes, where it does so together and all that comes before may be run once more."""
+    """The component that moves control meshes, if it can move several together and all before it may be run again."""
     components = list(model.system_iter(recurse=True, typ=Component))
     places = [n for n, component in enumerate(components) if isinstance(component, ControlMeshMove)]
     if len(places) != 1 or not all(isinstance(component, LIGHT) for component in components[: places[0]]):
@@ -282,7 +282,7 @@ def _planned(plan: Any, variables: Mapping[str, Mapping[str, Any]], problem: om.
 
 
 def _check_same(file: str | os.PathLike, values: Mapping[str, np.ndarray], about: Mapping[str, Any]) -> None:
-    """Refuse to go on with a file of other designs."""
+    """Refuse to continue a file of other designs."""
     with opened(file) as found:
         for name in ("model", "stored", "variables"):
             if found.attrs[name] != about[name]:
@@ -293,7 +293,7 @@ def _check_same(file: str | os.PathLike, values: Mapping[str, np.ndarray], about
 
 
 def _make_pending(run: _Run, values: Mapping[str, np.ndarray], file: str | os.PathLike, processes: int) -> None:
-    """Make what is pending, by several processes that are copies of this one."""
+    """Make the pending designs with several forked processes."""
     written = Rows(file)
     pending = np.flatnonzero(np.asarray(written.states) == PENDING)
     processes = max(1, min(processes, len(pending)))
@@ -317,14 +317,14 @@ def _make_pending(run: _Run, values: Mapping[str, np.ndarray], file: str | os.Pa
             _wait(others, written, len(pending), progress)
         finally:
             for other in others:
-                if other.pid:  # where this process was interrupted, some may not have begun
+                if other.pid:  # if this process was interrupted, some may not have begun
                     other.terminate()
     if any(other.exitcode for other in others):
         raise InputError(f"{file}: a process ended before its designs were made; restart continues with those")
 
 
 def _wait(others: Sequence[Any], written: Rows, n_pending: int, progress: Progress) -> None:
-    """Wait for processes, and tell how far they are."""
+    """Wait for processes and report their progress."""
     while any(other.is_alive() for other in others):
         for other in others:
             other.join(WAIT)
