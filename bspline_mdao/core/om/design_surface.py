@@ -191,7 +191,7 @@ class DesignSurface(OneLine):
         Parameters
         ----------
         part : float
-                        Fraction of the chord, the same in every section.
+            Fraction of the chord, the same in every section.
         **options
             ``n``, ``span`` and ``surface`` of `ReferenceAxis.of`.
 

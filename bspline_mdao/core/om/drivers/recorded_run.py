@@ -51,7 +51,7 @@ def scipy_slsqp(tolerance: float, max_iterations: int) -> Driver:
     Parameters
     ----------
     tolerance : float
-                Tolerance of the objective, in units of the driver.
+        Tolerance of the objective, in units of the driver.
     max_iterations : int
         Largest number of iterations.
 
@@ -234,12 +234,12 @@ def run_at(design: om.Problem, problem: om.Problem) -> om.Problem:
     design : openmdao.api.Problem
         A problem at an optimum.
     problem : openmdao.api.Problem
-                Another problem with the same design variables, not yet set up.
+        Another problem with the same design variables, not yet set up.
 
     Returns
     -------
     openmdao.api.Problem
-                The other problem, after its run.
+        The other problem, after its run.
 
     Examples
     --------

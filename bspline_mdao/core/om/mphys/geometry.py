@@ -181,7 +181,7 @@ class GeometryBuilder(Builder):
     Parameters
     ----------
     **options
-                Options of `SurfaceGeometry`.
+        Options of `SurfaceGeometry`.
 
     Examples
     --------

@@ -40,7 +40,7 @@ class RidingPoints(Copied, om.ExplicitComponent):
     points : ndarray, shape (n, 3)
         The points on the baseline (m).
     surface : SurfaceGrid
-                The surface that moves them.
+        The surface that moves them.
     generation : int, optional
         1 or 2: the MPhys whose names are used; by default the one that is installed.
 

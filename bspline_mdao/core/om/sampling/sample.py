@@ -97,7 +97,7 @@ def sample(
     Returns
     -------
     Designs
-                The designs that were made.
+        The designs that were made.
 
     Raises
     ------
