@@ -46,7 +46,7 @@ class Monotonic(SparseComponent):
     Examples
     --------
     >>> import openmdao.api as om
-    >>> from bspline_mdao import Monotonic
+    >>> from bspline_mdao.constraints import Monotonic
     >>> problem = om.Problem(reports=None)
     >>> component = Monotonic(variable="chord", size=3, decreasing=True)
     >>> monotonic = problem.model.add_subsystem("taper", component, promotes=["*"])
