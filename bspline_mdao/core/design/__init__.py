@@ -1,1 +1,1 @@
-"""Variables and constraints: what may change of the surface control points, and deformations by name."""
+"""Variables and constraints: how surface control points may change, and named deformations."""

@@ -1,11 +1,11 @@
-"""Bodies, hubs, casings and nozzles by their axis: factors on the distance from it, and lengths along it.
+"""Bodies, hubs, casings and nozzles about an axis: factors on the distance from it, and on lengths along it.
 
-A point x at the part s of the axis from a to b, u being the unit vector along it, goes to
+A point x at the fraction s of the axis from a to b, with unit vector u along it, moves to
 
     x + (f(s) - 1) r   or   x + (f - 1) u u . (x - a) ,    r = x - a - u u . (x - a) .
 
-The named deformations ``radius`` and ``axial`` and the design variable `bspline_mdao.design.RadiusFactor` are made of
-it. What is periodic by a rotation about the axis stays so. Theory: ``docs/theory/deformations.rst``.
+The named deformations ``radius`` and ``axial`` and the design variable `bspline_mdao.design.RadiusFactor` use it. A
+surface that is periodic by a rotation about the axis stays so. Theory: ``docs/theory/deformations.rst``.
 """
 
 from __future__ import annotations
@@ -45,25 +45,25 @@ class _Line:
         return float(np.linalg.norm(self.points[1] - self.points[0]))
 
     def along(self, points: np.ndarray) -> np.ndarray:
-        """Distances along it from its first point (m), shape (n,)."""
+        """Distances (m) along it from its first point, shape (n,)."""
         return (points - self.points[0]) @ self.direction
 
     def parts(self, points: np.ndarray) -> np.ndarray:
-        """Parts of it that points are at, 0 at its first point and 1 at its second, shape (n,)."""
+        """Positions of points along it, 0 at its first point and 1 at its second, shape (n,)."""
         return self.along(points) / self.length
 
     def outwards(self, points: np.ndarray) -> np.ndarray:
-        """Vectors from it to points, at right angles to it, shape (n, 3)."""
+        """Vectors from it to points, perpendicular to it, shape (n, 3)."""
         return points - self.points[0] - self.along(points)[:, None] * self.direction
 
 
 @dataclass(frozen=True, eq=False)
 class ScaleRadius:
-    """Scale distances from an axis; ``amount`` is the factor in the middle of a part of the axis, or everywhere."""
+    """Scale distances from an axis by ``amount``, everywhere or in the middle of an interval of the axis."""
 
     axis: np.ndarray  # (2, 3), two points of it (m)
     amount: float = 1.0
-    ends: tuple[float, float] | None = None  # parts of the axis between which the factor rises and falls
+    ends: tuple[float, float] | None = None  # interval of the axis over which the factor rises and falls
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Move points (n, 3), in metres."""
@@ -71,7 +71,7 @@ class ScaleRadius:
         return points + ((self.amount - 1.0) * self._weights(line.parts(points)))[:, None] * line.outwards(points)
 
     def _weights(self, parts: np.ndarray) -> np.ndarray:
-        """1 in the middle, 0 at both ends and beyond, where the slope is 0 as well."""
+        """1 in the middle, 0 at both ends and beyond, with zero slope there."""
         if self.ends is None:
             return np.ones_like(parts)
         place = (parts - self.ends[0]) / (self.ends[1] - self.ends[0])
@@ -95,25 +95,25 @@ class StretchAlong:
 class RadiusFactor(OneLine):
     """Factors on the distance from an axis at stations along it, for hubs, casings, nozzles and bodies.
 
-    Values are interpolated between stations by where points are when the turn of the variable comes, and constant
-    beyond the ends: a surface of revolution becomes another one, wherever nodes are on it. What is periodic by a
-    rotation about the axis stays so. Axes and lattices go along as the surface at their place does.
+    Values are interpolated between stations at the points' positions when the variable is applied, and constant beyond
+    the ends: a surface of revolution stays one, wherever its nodes are. A surface that is periodic by a rotation about
+    the axis stays so. Axes and lattices move with the surface at their place.
 
     Parameters
     ----------
     name : str
         Name of the design variable, an input of `GridMovement` of shape (n_stations,); 1 on the baseline.
     axis : sequence of two points
-        Two points of the axis (m): station 0 is at the first and 1 at the second.
+        Two points of the axis (m), at stations 0 and 1.
     stations : int or sequence of float
-        How many, evenly from 0 to 1, or where they are.
+        Number of stations, evenly from 0 to 1, or their positions.
     order : int
-        Of the spline between them: 2 straight lines, 4 cubics.
+        Order of the spline between them: 2 straight lines, 4 cubics.
 
     Raises
     ------
     InputError
-        If the axis is none, or the stations are.
+        If the axis or the stations are invalid.
 
     Examples
     --------
@@ -142,7 +142,7 @@ class RadiusFactor(OneLine):
             raise InputError(f"'{self.name}': an axis of shape {np.shape(self.axis)}; give two points x, y, z")
         if not np.any(self._line.points[0] != self._line.points[1]):
             raise InputError(f"'{self.name}': both points of the axis are the same; give two different ones")
-        self._spline  # noqa: B018 - what are no stations is refused here
+        self._spline  # noqa: B018 - invalid stations are refused here
 
     @cached_property
     def _line(self) -> _Line:
@@ -154,7 +154,7 @@ class RadiusFactor(OneLine):
         return StationSpline.of(self.stations, self.order)
 
     def bind(self, layout: Layout) -> DesignMap:
-        """Move rows by where they are."""
+        """Move rows depending on their positions."""
         return _RadiusMap(self._line, self._spline)
 
 
@@ -174,12 +174,12 @@ class _RadiusMap:
         """Move all rows, shape (n_rows, 3), in metres."""
         part = self.line.parts(points)
         basis = self.spline.basis(part.real)
-        if np.iscomplexobj(part):  # a complex step: first order is all
+        if np.iscomplexobj(part):  # a complex step: first order suffices
             basis = basis + 1j * part.imag[:, None] * self.spline.slopes(part.real)
         return points + (basis @ (values - 1.0))[:, None] * self.line.outwards(points)
 
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
-        """Differentiate `apply`: rows may depend on all values, since they may come to be anywhere along the axis."""
+        """Differentiate `apply`: rows may depend on all values, since they may move anywhere along the axis."""
         part, outwards, along = self.line.parts(points), self.line.outwards(points), self.line.direction
         basis, slopes = self.spline.basis(part), self.spline.slopes(part) @ (values - 1.0) / self.line.length
         across = np.eye(3) - np.multiply.outer(along, along)

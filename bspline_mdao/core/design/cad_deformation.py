@@ -1,6 +1,6 @@
-"""Deformations by CAD files: points go where the faces that they are nearest to have gone.
+"""Deformations by CAD files: points follow the faces they are nearest to.
 
-A point x whose nearest point of the old faces is S(u, v) goes to x + S_new(u, v) - S_old(u, v). Theory:
+A point x whose nearest point on the old faces is S(u, v) moves to x + S_new(u, v) - S_old(u, v). Theory:
 ``docs/theory/cad.rst``.
 """
 
@@ -18,7 +18,7 @@ __all__ = ["CadDeformation"]
 
 @dataclass(frozen=True, eq=False)
 class CadDeformation(OneLine):
-    """Move points by ``amount`` times what the faces of a CAD file move by where they are nearest."""
+    """Move points by ``amount`` times the displacement of the nearest points on the faces of a CAD file."""
 
     body: CadBody  # the faces before
     moved: CadBody  # the same faces after
@@ -27,7 +27,7 @@ class CadDeformation(OneLine):
 
     @property
     def note(self) -> str:
-        """What a report says of it."""
+        """Its line in a report."""
         return (
             f"walls, within {self.off:.2g} m of the faces of {self.body.source}, go where {self.moved.source} has these"
         )

@@ -1,7 +1,7 @@
-"""Design variables by CAD: control points of the faces that walls are tied to, and shapes of other files.
+"""CAD design variables: control points of the faces that walls are tied to, and shapes of other files.
 
-What they do to wall nodes is linear and exact, ``of_nodes``; surface control points follow the nodes as they do
-wherever nodes are given. Theory: ``docs/theory/cad.rst``.
+They move wall nodes linearly and exactly, ``of_nodes``; surface control points follow the nodes as for any given nodes.
+Theory: ``docs/theory/cad.rst``.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from .variable import AuxiliaryPoints, Layout
 __all__ = ["CadPoints", "CadShapes", "CadVariable", "moved_body", "require_one_tie"]
 
 IDLE = 1e-9
-"""Largest weight in any node below which a control point gets no value: an optimiser could move it by any amount
-without effect."""
+"""A control point whose largest weight in any node is below this gets no value: an optimizer could move it by any
+amount without effect."""
 
 ON_PLANE = 1e-7
-"""Distance, by the size of the body, up to which a control point lies in a plane of symmetry: files have so many
-digits."""
+"""Distance, relative to the size of the body, up to which a control point lies in a symmetry plane: the precision of
+files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +79,10 @@ class CadVariable(OneLine, ABC):
 class CadPoints(CadVariable):
     """Move control points of the faces of a CAD file, and the walls with them.
 
-    Every control point has one value per direction, point by point. A value is a displacement, and initially zero.
-    Control points of neighbouring faces that coincide are one, so that their common edges stay closed; those that reach
-    edges which are no such, of trimmed faces, have no values, nor have those that move no node. Control points in a
-    plane of symmetry stay in it. `point_ids` tells which are left.
+    Every control point has one value per direction, point by point. A value is a displacement, initially zero.
+    Coincident control points of neighbouring faces count as one, so common edges stay closed. Control points that
+    affect other edges, of trimmed faces, have no values, nor do control points that move no node. Control points in a
+    symmetry plane stay in it. `point_ids` lists the remaining points.
 
     Parameters
     ----------
@@ -93,10 +93,10 @@ class CadPoints(CadVariable):
     where : index expression or ndarray of bool, optional
         Which rows of ``tied.body.control_points``; all by default.
     direction : str or array_like
-        Coordinate axes by name, ``"y"`` or several as in ``"xyz"``; a vector, shape (3,); or vectors of the points
-        that are left, shape (n, 3) or (n, 3, m).
+        Coordinate axes by name, ``"y"`` or several as in ``"xyz"``; a vector, shape (3,); or vectors of the remaining
+        points, shape (n, 3) or (n, 3, m).
     units : str, optional
-        Units of the values: m by default, None where the vectors carry them.
+        Units of the values: m by default, None if the vectors carry them.
 
     Examples
     --------
@@ -118,7 +118,7 @@ class CadPoints(CadVariable):
         Raises
         ------
         InputError
-            If there are none, or ``where`` does not fit.
+            If there are none, or ``where`` does not match the control points.
         """
         body, asked = self.tied.body, np.zeros(len(self.tied.body.control_points), dtype=bool)
         try:
@@ -173,8 +173,8 @@ class CadPoints(CadVariable):
 class CadShapes(CadVariable):
     """Move walls towards the shapes of other CAD files with the same faces, one value per file.
 
-    A value is the part of the way: 0 at the baseline, 1 where a node is at its (u, v) on the faces of that file. Moves
-    of several files add up.
+    A value is the fraction of the move: 0 at the baseline, 1 with a node at its (u, v) on that file's faces. Moves of
+    several files add up.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ class CadShapes(CadVariable):
     tied : TiedSurface
         Wall nodes of a grid or mesh, and the faces that they are tied to.
     shapes : sequence of CadBody
-        Faces of the other files, matched and in the unit of the grid, see `TiedSurface.shape`.
+        Faces of the other files, matched and in the grid's unit, see `TiedSurface.shape`.
 
     Examples
     --------
@@ -205,7 +205,7 @@ class CadShapes(CadVariable):
         return csc_array(np.stack([move.ravel() for move in moves], axis=1))
 
     def body_at(self, values: np.ndarray) -> CadBody:
-        """Return the moved faces at values; `InputError` where files have other knots, which no sum of them has."""
+        """Return the moved faces at values; `InputError` if files have different knots, so they cannot be added."""
         body = self.tied.body
         points = body.control_points
         for value, shape in zip(np.asarray(values), self.shapes):
@@ -231,7 +231,8 @@ def moved_body(variables: Sequence[CadVariable], values: Mapping[str, Any]) -> C
     Raises
     ------
     InputError
-        If there is no variable, they are of different walls, or files have other knots, which no sum of them has.
+        If there is no variable, the variables are of different walls, or files have different knots, so they cannot be
+        added.
 
     Examples
     --------
@@ -248,7 +249,7 @@ def moved_body(variables: Sequence[CadVariable], values: Mapping[str, Any]) -> C
 
 
 def require_one_tie(variables: Sequence[CadVariable], what: str) -> None:
-    """Refuse variables of different walls, and none."""
+    """Refuse variables of different walls, or no variables."""
     if not variables:
         raise InputError(f"{what}: no variable moves the walls; give one at least")
     if any(variable.tied is not variables[0].tied for variable in variables):

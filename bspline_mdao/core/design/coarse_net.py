@@ -1,9 +1,8 @@
-"""Surface control points moved through a coarser net, which is refined by knot insertion without changing the shape.
+"""Surface control points moved by a coarser net, which is refined by knot insertion without changing the shape.
 
-Of the inner knots of the surface some are kept. Displacements of the control points are those of a spline on the knots
-that are kept, brought to all knots by knot insertion: fewer values, and every further knot that is kept adds some. What
-a coarse net can do, a finer one can do exactly, to round-off, on curved knots too. Theory:
-``docs/theory/progressive.rst``.
+Only some of the surface's inner knots are kept. The displacements of the control points are a spline on the kept knots,
+brought to all knots by knot insertion. That takes fewer values, and each further knot adds some. A finer net reproduces
+every shape of a coarser one to round-off, on curved knots too. Theory: ``docs/theory/progressive.rst``.
 
 References
 ----------
@@ -36,30 +35,30 @@ from .variable import AuxiliaryPoints, Layout
 __all__ = ["CoarseNet", "Refinement"]
 
 SAME = 1e-12
-"""Difference of weights up to which two faces agree on a control point that they share."""
+"""Difference in weights up to which two faces agree on a shared control point."""
 
 Knot = tuple[int, int]
-"""An inner knot of the surface: number of its strip, and its number among the inner ones, both from 0."""
+"""An inner knot of the surface: number of its strip, and its number among the strip's inner knots, both from 0."""
 
 
 @dataclass(frozen=True, eq=False)
 class Refinement(OneLine):
-    """From the values of a coarse net to those of a finer one."""
+    """Map from the values of a coarse net to the values of a finer one."""
 
-    matrix: csr_array  # (n_fine, n_coarse), knot insertion: no entry is negative
+    matrix: csr_array  # (n_fine, n_coarse), knot insertion, without negative entries
 
     def values(self, coarse: np.ndarray) -> np.ndarray:
-        """Values of the finer net, shape (n_fine,), that move the surface as those of the coarse one do."""
+        """Values of the finer net, shape (n_fine,), that move the surface like the coarse values."""
         return self.matrix @ np.asarray(coarse)
 
     def bounds(
         self,
-        # those of the coarse values; infinite where there is none
+        # bounds of the coarse values; infinite if there is none
         lower: ArrayLike,  # float or array_like (n_coarse,)
         upper: ArrayLike,  # float or array_like (n_coarse,)
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the finer values: every shape within those of the coarse ones is within them."""
-        # returns lower, upper (n_fine,): next to points that are held, too, as wide as those of the points that are
+        """Bounds of the finer values that contain every shape within the coarse bounds."""
+        # returns lower, upper (n_fine,): next to fixed points, too, as wide as the bounds of the points that are
         # followed
         low, high = (np.broadcast_to(np.asarray(b, dtype=float), self.matrix.shape[1]) for b in (lower, upper))
         if np.isnan(low).any() or np.isnan(high).any() or (low > high).any():
@@ -68,7 +67,7 @@ class Refinement(OneLine):
             return -self._of_bound(-low), self._of_bound(high)
 
     def _of_bound(self, bound: np.ndarray) -> np.ndarray:
-        """An upper bound: by the weights, and not below the mean of those that a point follows."""
+        """An upper bound: weighted, and at least the mean of the bounds of the points followed."""
         is_none = bound == np.inf
         sums = self.matrix @ np.where(is_none, 0.0, bound)
         sums = np.maximum(sums, sums / (self.matrix @ np.ones(len(bound))))
@@ -78,21 +77,21 @@ class Refinement(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class CoarseNet(OneLine):
-    """A variable of `Local` moved through fewer control points. Made by `CoarseNet.of`, refined by `refine`.
+    """A `Local` variable moved by fewer control points. Made by `CoarseNet.of`, refined by `refine`.
 
-    The values are those of the points of the coarse net, as many for each as `Local` has for a control point. Those
-    that would move control points which `Local` does not select are left out.
+    The values belong to the points of the coarse net, as many per point as `Local` has for a control point. Points that
+    would move control points not selected by `Local` are left out.
 
     Parameters
     ----------
     variable : Local
-        Which control points are moved, along which directions, by which name.
+        The moved control points, their directions, and the name.
     surface : SurfaceStrips
-        Faces of the surface, and the strips that their knots belong to.
+        Faces of the surface, and the strips of their knots.
     mesh : MovingMesh
         The control mesh.
     kept : tuple of ndarray of bool
-        For each strip, which of its inner knots the net has.
+        For each strip, which of its inner knots belong to the net.
 
     Examples
     --------
@@ -127,10 +126,10 @@ class CoarseNet(OneLine):
         mesh : MovingMesh
             Its control mesh.
         variable : Local
-            What moves, and where to.
+            The moved control points and their directions.
         n : int or sequence of int
-            Number of points of the net along each strip of faces, at least the order of the splines, 4 for cubics; one
-            number for each of ``net.surface.strips``, or one for all. Where there are not as many control points, all.
+            Number of net points along each strip of faces, at least the order of the splines, 4 for cubics; one number
+            for each of ``net.surface.strips``, or one for all. If there are fewer control points, all of them.
 
         Returns
         -------
@@ -157,7 +156,7 @@ class CoarseNet(OneLine):
             mask[np.rint(np.arange(1, n_kept + 1) * (strip.n_inner + 1) / (n_kept + 1)).astype(int) - 1] = True
             kept.append(mask | mask[::-1] if strip.is_symmetric else mask)
         net = cls(variable, surface, mesh, tuple(kept))
-        net.weights  # noqa: B018 - refuses a net without a point to move
+        net.weights  # noqa: B018 - refuses a net without a movable point
         return net
 
     @property
@@ -192,18 +191,18 @@ class CoarseNet(OneLine):
 
     @cached_property
     def weights(self) -> csr_array:
-        """Values of ``variable``, all its control points, by those of the net, shape (n_all, n_values)."""
+        """Map from the values of the net to all values of ``variable``, shape (n_all, n_values)."""
         rows = self._rows
         points = csr_array(self._all_weights[rows][:, self._used])
         return csr_array(kron(points, eye_array(self._n_each), format="csr"))
 
     def refine(self, knots: Iterable[Knot]) -> CoarseNet:
-        """Insert knots: the same shapes and more.
+        """Insert knots, which keeps all shapes and adds more.
 
         Parameters
         ----------
         knots : iterable of (int, int)
-            Strip and number among its inner knots, as `halves` and `where_to_refine` give them.
+            Strip and number among its inner knots, as from `halves` and `where_to_refine`.
 
         Raises
         ------
@@ -223,7 +222,7 @@ class CoarseNet(OneLine):
         return replace(self, kept=tuple(kept))
 
     def halves(self) -> list[Knot]:
-        """Return the middle knot of every interval between knots of the net; none where it has all."""
+        """Return the middle knot of every interval between knots of the net; none in intervals that have all."""
         found = []
         for strip, mask in enumerate(self.kept):
             ends = np.concatenate([[-1], np.flatnonzero(mask), [len(mask)]])
@@ -232,12 +231,12 @@ class CoarseNet(OneLine):
         return [(strip, knot) for strip, knot in found if strip in self._strips_used]
 
     def to(self, finer: CoarseNet) -> Refinement:
-        """Return how values and bounds go on to a net that was made of this one by `refine`.
+        """Return the map of values and bounds to a net made from this one by `refine`.
 
         Raises
         ------
         InputError
-            If the other one lacks a knot of this one, or is of another variable.
+            If the other net lacks a knot of this one, or is of another variable.
         """
         is_of_it = finer.surface is self.surface and finer.variable is self.variable
         if not is_of_it or any((a & ~b).any() for a, b in zip(self.kept, finer.kept)):
@@ -249,16 +248,15 @@ class CoarseNet(OneLine):
     def where_to_refine(self, gradient: np.ndarray, n_knots: int = 1, metric: np.ndarray | None = None) -> list[Knot]:
         """Choose knots by the gradient that the net cannot follow.
 
-        Knots are taken one by one; each is that whose insertion adds most to the square of the norm of the gradient on
-        the net.
+        Knots are chosen one by one, each to add most to the squared norm of the gradient on the net.
 
         Parameters
         ----------
         gradient : ndarray, shape (n_all,)
-            Derivative of what is minimised, constraints included, in the values of all control points of ``variable``:
-            see `unused_gradient`.
+            Derivative of the Lagrangian with respect to the values of all control points of ``variable``: see
+            `unused_gradient`.
         n_knots : int
-            How many, at most.
+            Maximum number of knots.
         metric : ndarray, shape (n_all, n_all), optional
             Symmetric positive definite: the size of a change of the values is ``sqrt(v^T metric v)``. By default it is
             the root mean square of the displacement over the area of the surface.
@@ -266,12 +264,12 @@ class CoarseNet(OneLine):
         Returns
         -------
         list of (int, int)
-            For `refine`, the best first. Fewer where no further knot adds anything.
+            Knots for `refine`, best first; fewer if no further knot adds anything.
 
         Raises
         ------
         InputError
-            If the gradient or the metric is of another shape.
+            If the gradient or the metric has a wrong shape.
         """
         gradient = self._checked(gradient)
         chosen: list[Knot] = []
@@ -286,7 +284,7 @@ class CoarseNet(OneLine):
         return chosen
 
     def part_used(self, gradient: np.ndarray, metric: np.ndarray | None = None) -> float:
-        """Return the part of the square of the gradient's norm that the net can follow, from 0 to 1.
+        """Return the fraction of the gradient's squared norm that the net can follow, from 0 to 1.
 
         Parameters
         ----------
@@ -322,7 +320,7 @@ class CoarseNet(OneLine):
         return gradient
 
     def _norm(self, gradient: np.ndarray, metric: np.ndarray | None) -> float:
-        """Square of the norm of the gradient on the net: ``g^T M^-1 g``, both of the values of the net."""
+        """Squared norm of the gradient on the net: ``g^T M^-1 g``, both for the values of the net."""
         here = self.weights.T @ gradient
         return float(here @ np.linalg.solve(self.mass(metric), here))
 
@@ -338,7 +336,7 @@ class CoarseNet(OneLine):
 
     @cached_property
     def _directed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of the control points that may move, and the directions of each."""
+        """Rows of the movable control points, and their directions."""
         return self.variable.directed(self.mesh)
 
     @property
@@ -347,7 +345,7 @@ class CoarseNet(OneLine):
 
     @property
     def _n_each(self) -> int:
-        """Values of each point."""
+        """Number of values of each point."""
         return self._directed[1].shape[2]
 
     @cached_property
@@ -357,7 +355,7 @@ class CoarseNet(OneLine):
         x = self.mesh.points[self.mesh.surface_ids][quads]
         area = 0.125 * lengths(np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]))
         areas = np.bincount(quads.ravel(), np.repeat(area, 4), self.surface.n_surface)
-        areas = np.maximum(areas, 1e-6 * areas.mean()) / areas.sum()  # some where the surface collapses
+        areas = np.maximum(areas, 1e-6 * areas.mean()) / areas.sum()  # not zero where the surface collapses
         return (areas[self._rows, None] * (self._directed[1] ** 2).sum(axis=1)).ravel()
 
     @cached_property
@@ -367,13 +365,13 @@ class CoarseNet(OneLine):
 
     @cached_property
     def _all_weights(self) -> csr_array:
-        """Displacements of all surface control points by those of all points of the net."""
+        """Map from displacements of all net points to displacements of all surface control points."""
         full = tuple(strip.knots for strip in self.surface.strips)
         return self._matrix(self._numbers, [face.rows for face in self.surface.faces], full, self.surface.n_surface)
 
     @cached_property
     def _used(self) -> np.ndarray:
-        """Numbers of the points of the net that move no control point but those that may."""
+        """Numbers of the net points that move only movable control points."""
         weights, may_move = self._all_weights, np.zeros(self.surface.n_surface, dtype=bool)
         may_move[self._rows] = True
         used = np.flatnonzero(weights.T @ (~may_move).astype(float) == 0.0)
@@ -386,12 +384,12 @@ class CoarseNet(OneLine):
 
     @cached_property
     def _strips_used(self) -> set[int]:
-        """Strips of the faces that have control points which may move."""
+        """Strips of the faces with movable control points."""
         return {s for face in self.surface.faces if np.isin(face.rows, self._rows).any() for s in face.strips}
 
     @cached_property
     def _order(self) -> np.ndarray:
-        """New number of each point of the net: in the order of the control points that follow it most."""
+        """New number of each net point, in the order of the control points that follow it most."""
         faces, n = self._first_numbers
         full = tuple(strip.knots for strip in self.surface.strips)
         weights = self._matrix(faces, [face.rows for face in self.surface.faces], full, self.surface.n_surface, n)
@@ -406,7 +404,7 @@ class CoarseNet(OneLine):
 
     @cached_property
     def _first_numbers(self) -> tuple[list[np.ndarray], int]:
-        """Numbers as faces come: corners, edges and insides; and how many there are."""
+        """Numbers in the order of faces: corners, edges and interiors; and how many there are."""
         corners: dict[int, int] = {}
         edges: dict[tuple, np.ndarray] = {}
         n, found = 0, []
@@ -443,7 +441,7 @@ class CoarseNet(OneLine):
         n_rows: int,
         n_columns: int | None = None,
     ) -> csr_array:
-        """Weights of the net's points, numbered by ``columns`` on each face, on finer knots, numbered by ``rows``."""
+        """Weights of the net points (numbered by ``columns`` on each face) at finer points (numbered by ``rows``)."""
         n_columns = len(self._order) if n_columns is None else n_columns
         along = [insertion_matrix(old, new) for old, new in zip(self._knots, knots)]
         blocks = []
@@ -468,6 +466,6 @@ class CoarseNet(OneLine):
 
 
 def _chosen(knots: ConstantKnots, kept: np.ndarray) -> ConstantKnots:
-    """The knots of a net: the ends and the inner ones that are kept."""
+    """The knots of a net: the ends and the kept inner ones."""
     p, inner = knots.order, knots.knots[knots.order : knots.n_control]
     return ConstantKnots(np.concatenate([np.zeros(p), inner[kept], np.ones(p)]), p)

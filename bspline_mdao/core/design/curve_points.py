@@ -1,4 +1,4 @@
-"""Control points of a section's curve as design variables: those of all planes along the span move alike.
+"""Control points of a section curve as design variables, moving equally in all planes along the span.
 
 Theory: ``docs/theory/parametrization.rst``, "Sections as one curve".
 """
@@ -24,31 +24,29 @@ from .variable import AuxiliaryPoints, Layout
 __all__ = ["CurvePoints"]
 
 _AT_EDGE = 1e-9
-"""Part of the chord from the trailing edge up to which a point is at it: round-off."""
+"""Distance from the trailing edge, as a fraction of the chord, up to which a point is at it: round-off."""
 
 
 @dataclass(frozen=True, eq=False)
 class CurvePoints(OneLine):
-    """Move the control points of a section curve, alike in all planes along the span.
+    """Move the control points of a section curve, equally in all planes along the span.
 
-    The surface ends on two planes of symmetry and is the same all along between them, by one layer of cells or several.
-    Every point has one value per direction, point by point in the order of ``mesh.surface_ids``: by the control points
-    in one of the planes. A value is a displacement, and initially zero. Auxiliary points, such as those of axes and
-    lattices, stay.
+    The surface ends on two symmetry planes and is the same everywhere between them, with one layer of cells or several.
+    Every point has one value per direction, in the ``mesh.surface_ids`` order of the control points in one plane. A
+    value is a displacement, initially zero. Auxiliary points, such as points of axes and lattices, stay.
 
     Parameters
     ----------
     name : str
         Name of the variable.
     where : Selection or array_like of int, optional
-        Which points, by any of their planes; numbers are rows of ``mesh.surface_ids``. All by default.
+        Which points, in any of their planes; numbers are rows of ``mesh.surface_ids``. All by default.
     direction : str or array_like
-        As of `Local`: coordinate axes by name, ``"normal"``, a vector, or vectors of the points that are left.
+        As for `Local`: coordinate axes by name, ``"normal"``, a vector, or vectors of the remaining points.
     edges : bool
-        Whether the points at the leading and the trailing edge have values, too: those at which the surface is nearest
-        to the former, and those at the latter.
+        Whether the points nearest to the leading edge and at the trailing edge have values, too.
     units : str, optional
-        Units of the values: m by default, None where the vectors carry them.
+        Units of the values: m by default, None if the vectors carry them.
 
     Examples
     --------
@@ -76,7 +74,7 @@ class CurvePoints(OneLine):
         Raises
         ------
         InputError
-            If the surface is no section, nothing is selected, or the directions do not fit what is.
+            If the surface is not a section, nothing is selected, or the directions do not match the selection.
         """
         lines, directions = self.directed(layout)
         rows, vectors = lines.ravel(), np.repeat(directions, lines.shape[1], axis=0)

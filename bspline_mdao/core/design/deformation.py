@@ -1,9 +1,9 @@
-"""Deformations of the surface points of a mesh: maps of points one after the other, planes of symmetry kept.
+"""Deformations of the surface points of a mesh: successive point maps that preserve symmetry planes.
 
 Each map is a frozen dataclass with an ``amount`` (an angle in radians, a factor or a height in metres) and one method
-``apply``. A map moves every point by itself, by a formula that holds for complex numbers too, so that complex steps
-give all derivatives exactly: with respect to the points and to the amount, `jvp`, `vjp` and `amount_jvp`. What the
-maps do to wing sections is in `section_maps`, which the design variables of `planform` share. Theory:
+``apply``. A map moves each point independently, by a formula that also holds for complex numbers, so complex steps give
+all derivatives exactly: with respect to the points and to the amount, `jvp`, `vjp` and `amount_jvp`. The formulas for
+wing sections are in `section_maps`, shared with the design variables of `planform`. Theory:
 ``docs/theory/deformations.rst``.
 """
 
@@ -47,32 +47,32 @@ __all__ = [
 ]
 
 _N_WAVES = 32
-"""Waves that bumps are made of: enough that no direction stands out."""
+"""Number of waves in bumps: enough that no direction stands out."""
 
 _STEP = 1e-40
-"""Complex step: as nothing is subtracted, it may be so small that its square vanishes beside one."""
+"""Complex step: nothing is subtracted, so it may be so small that its square vanishes relative to one."""
 
 _SMALL = 1e-2
-"""Angle (rad) below which sin(a) / a and (1 - cos(a)) / a are their series, which are good to round-off there and need
-no division by zero."""
+"""Angle (rad) below which sin(a) / a and (1 - cos(a)) / a are computed from their series, which are accurate to
+round-off there and avoid division by zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class Deformation(OneLine):
-    """New places for the surface points of a mesh."""
+    """New positions for the surface points of a mesh."""
 
     mesh: MovingMesh  # the control mesh whose surface is deformed
     maps: tuple[PointMap, ...]  # maps of the points, applied one after the other
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What maps that know more than their amounts say in reports, such as those of files."""
+        """Lines in reports from maps that know more than their amounts, such as maps from files."""
         return tuple(point_map.note for point_map in self.maps if hasattr(point_map, "note"))
 
     def apply(
         self,
         points: np.ndarray,  # (n_surface, 3), surface points (m), in the order of ``mesh.surface_ids``
-    ) -> np.ndarray:  # (n_surface, 3), moved points (m). Those on planes of symmetry are exactly in them
+    ) -> np.ndarray:  # (n_surface, 3), moved points (m). Points on symmetry planes are exactly in them
         """Move surface points."""
         if points.shape != (len(self.mesh.surface_ids), 3):
             raise InputError(
@@ -86,10 +86,10 @@ class Deformation(OneLine):
     def apply_to_nodes(
         self,
         nodes: np.ndarray,  # (n, 3), nodes of the surface (m), such as those of a `bspline_mdao.measures.SurfaceGrid`
-        # nodes on planes of symmetry, and the planes' unit normals
+        # nodes on symmetry planes, and the planes' unit normals
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-    ) -> np.ndarray:  # (n, 3), moved nodes (m). Those on the planes stay exactly in them
-        """Move nodes of the surface as its control points are moved."""
+    ) -> np.ndarray:  # (n, 3), moved nodes (m). Nodes on the planes stay exactly in them
+        """Move surface nodes in the same way as control points."""
         displacement = reduce(lambda points, point_map: point_map.apply(points), self.maps, nodes) - nodes
         for ids, normal in planes:
             displacement[ids] -= np.outer(displacement[ids] @ normal, normal)
@@ -114,7 +114,7 @@ class Deformation(OneLine):
         return points_bar + bar - slid
 
     def _keep_in_planes(self, points: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        """Refuse to leave a plane of symmetry, and take off round-off."""
+        """Refuse points that leave a symmetry plane, and remove round-off."""
         rows, normals = self.mesh.in_plane_rows, self.mesh.in_plane_normals
         off = np.abs(np.sum((moved - points)[rows] * normals, axis=1))
         if len(rows) and off.max() > PLANE_TOLERANCE * self.mesh.size:
@@ -128,7 +128,7 @@ class Deformation(OneLine):
         return kept
 
     def slide(self, displacement: np.ndarray) -> np.ndarray:
-        """Take the normal part off displacements (n_surface, 3) of points on planes of symmetry; its own transpose."""
+        """Remove the normal part of displacements (n_surface, 3) of points on symmetry planes; its own transpose."""
         rows, normals = self.mesh.in_plane_rows, self.mesh.in_plane_normals
         slid = displacement.copy()
         np.subtract.at(slid, rows, np.sum(displacement[rows] * normals, axis=1)[:, None] * normals)
@@ -136,7 +136,7 @@ class Deformation(OneLine):
 
 
 class PointMap(Protocol):
-    """A dataclass that moves every point by itself, by an amount that may be replaced."""
+    """A dataclass that moves each point independently, by an amount that may be replaced."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
@@ -154,7 +154,7 @@ def jvp(point_map: PointMap, points: np.ndarray, d_points: np.ndarray) -> np.nda
 
 
 def vjp(point_map: PointMap, points: np.ndarray, bar: np.ndarray) -> np.ndarray:
-    """Transpose of `jvp`: cotangent of the points, shape (n, 3), of that of the moved points."""
+    """Transpose of `jvp`: cotangent of the points, shape (n, 3), from the cotangent of the moved points."""
     columns = [jvp(point_map, points, np.broadcast_to(axis, points.shape)) for axis in np.eye(3)]
     return np.stack([np.sum(column * bar, axis=1) for column in columns], axis=1)
 
@@ -181,11 +181,11 @@ class InFrame(ABC):
     def _moved(
         self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Stream, normal and span coordinates of the moved points, of those of the points."""
+        """Stream, normal and span coordinates of the moved points, from the coordinates of the points."""
 
 
 class RotateSections(InFrame):
-    """Turn sections about the middle line, in proportion to the distance from the root."""
+    """Rotate sections about the middle line, in proportion to the distance from the root."""
 
     # ``amount`` is the angle at the tip (rad), upstream end up positive.
 
@@ -198,11 +198,11 @@ class RotateSections(InFrame):
 
 @dataclass(frozen=True)
 class Pitch(InFrame):
-    """Turn the whole surface about an axis along the span."""
+    """Rotate the whole surface about an axis along the span."""
 
     # ``amount`` is the angle (rad), upstream end up positive.
 
-    at: float = 0.25  # place of the axis between the upstream (0) and the downstream end (1) of the surface's box
+    at: float = 0.25  # position of the axis between the upstream (0) and downstream end (1) of the surface's box
 
     def _moved(
         self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
@@ -213,16 +213,16 @@ class Pitch(InFrame):
 
 @dataclass(frozen=True)
 class Bend(InFrame):
-    """Bend the span upwards along an arc of a circle, and go on straight."""
+    """Bend the span upwards along a circular arc, and continue straight."""
 
-    # Sections stay at right angles to the bent span, lengths along the middle are kept. ``amount`` is the angle behind
-    # the arc (rad), upwards positive.
+    # Sections stay perpendicular to the bent span, and lengths along the middle are preserved. ``amount`` is the angle
+    # beyond the arc (rad), upwards positive.
 
     at: float = 0.7  # span fraction at which the arc begins
     length: float = 0.15  # length of the arc as a fraction of the span
 
     def height(self, normal: np.ndarray) -> np.ndarray:
-        """Height of normal coordinates (m) above the middle line where the arc begins."""
+        """Height of normal coordinates (m) above the middle line at the beginning of the arc."""
         return normal - self.frame.middle_at(self.at * self.frame.span)[1]
 
     def _moved(
@@ -283,11 +283,11 @@ class ShearUpwards(InFrame):
 
 @dataclass(frozen=True, eq=False)
 class Rotate:
-    """Turn points about an axis, by an angle without limit; ``amount`` is the angle (rad), by the right hand."""
+    """Rotate points about an axis by any angle; ``amount`` is the angle (rad), by the right-hand rule."""
 
     hinge: np.ndarray  # (2, 3), two points of the axis (m)
     amount: float
-    part: RotatedPart  # what turns, and how much of it
+    part: RotatedPart  # what rotates, and by how much
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Move points (n, 3), in metres."""
@@ -308,10 +308,10 @@ class Translate:
 
 @dataclass(frozen=True, eq=False)
 class PrescribedPoints:
-    """Move points towards prescribed places, by the part ``amount`` of the way."""
+    """Move points towards prescribed positions, by the fraction ``amount`` of the way."""
 
-    points: np.ndarray  # (n, 3), new places (m)
-    amount: float = 1.0  # part of the way: 1 to the prescribed places, 0 leaves the points where they are
+    points: np.ndarray  # (n, 3), new positions (m)
+    amount: float = 1.0  # fraction of the way: 1 to the prescribed positions, 0 leaves the points where they are
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Move points (n, 3), in metres."""
@@ -320,18 +320,18 @@ class PrescribedPoints:
 
 @dataclass(frozen=True, eq=False)
 class Bumps:
-    """Move points by a smooth vector field of their place: a sum of plane waves."""
+    """Move points by a smooth vector field of position: a sum of plane waves."""
 
-    # A field moves both sides of a thin wing alike and keeps closed edges closed. Towards a plane of symmetry its
-    # normal component fades as ``1 - exp(-(d / reach)^2)`` with the distance d.
+    # A field moves both sides of a thin wing equally and keeps closed edges closed. Towards a symmetry plane its normal
+    # component fades as ``1 - exp(-(d / reach)^2)`` with the distance d.
 
     amount: float  # height (m)
     # wave vectors (rad/m) and phases (rad)
     waves: np.ndarray  # (n, 3) and (n,)
     phases: np.ndarray  # (n, 3) and (n,)
     directions: np.ndarray  # (n, 3), displacement at the crest of each wave, relative to the height
-    reach: float  # distance from a plane of symmetry over which bumps fade (m)
-    planes: tuple[Plane, ...] = ()  # planes of symmetry, at right angles or parallel to each other
+    reach: float  # distance from a symmetry plane over which bumps fade (m)
+    planes: tuple[Plane, ...] = ()  # symmetry planes, perpendicular or parallel to each other
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Move points (n, 3), in metres."""
@@ -363,7 +363,7 @@ def random_bumps(
 
 
 def _directions(rng: np.random.Generator) -> np.ndarray:
-    """Directions that favour none, shape (n, 3)."""
+    """Isotropic random directions, shape (n, 3)."""
     vectors = rng.standard_normal((_N_WAVES, 3))
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 

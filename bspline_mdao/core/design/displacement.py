@@ -1,7 +1,7 @@
 """Displacements of points as design variables: linear in the values, by a constant sparse matrix.
 
-`Local` displaces single surface control points, `Translation` all of them alike; `FreeForm` and `Camber` are made of
-the same map.
+`Local` displaces single surface control points, `Translation` all of them equally; `FreeForm` and `Camber` use the same
+map.
 
 Theory: ``docs/theory/free_form.rst``.
 """
@@ -25,7 +25,7 @@ from .variable import AuxiliaryPoints, Layout, MapPartials, block_diagonal
 __all__ = ["Direction", "Displacement", "Local", "Translation", "directions_of", "displacements", "selector"]
 
 Direction = str | Sequence[float] | np.ndarray
-"""Coordinate axes by name (``"z"``, ``"xyz"``), a vector, or one vector or several for every point."""
+"""Coordinate axes by name (``"z"``, ``"xyz"``), one vector, or one or more vectors for every point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Displacement(OneLine):
         return points + (self.matrix @ values).reshape(-1, 3)
 
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
-        """Differentiate `apply`; nothing depends on where."""
+        """Differentiate `apply`; the derivatives are constant."""
         return MapPartials(eye_array(points.size, format="csr"), self.matrix)
 
 
@@ -53,8 +53,8 @@ class Local(OneLine):
     """Move surface control points one by one.
 
     Every selected point has one value per direction, point by point in the order of ``mesh.surface_ids``. A value is a
-    displacement, and initially zero. Of a section that is a layer of cells, both planes move alike, and only points of
-    the first have values. Auxiliary points, such as those of axes and lattices, stay.
+    displacement, initially zero. In a section that is one layer of cells, both planes move equally, and only points of
+    the first have values. Auxiliary points, such as points of axes and lattices, stay.
 
     Parameters
     ----------
@@ -64,11 +64,11 @@ class Local(OneLine):
         Which points; numbers are rows of ``mesh.surface_ids``. All by default.
     direction : str or array_like
         Coordinate axes by name, ``"z"`` or several as in ``"xyz"``; ``"normal"``, the unit normal of the baseline
-        into the fluid (see `bspline_mdao.core.mesh.control_net`); a vector, shape (3,); vectors of the selected
-        points, shape (n, 3); or m of them for every point, shape (n, 3, m). Vectors are displacements per unit of
-        the value, of any length.
+        into the fluid (see `bspline_mdao.core.mesh.control_net`); a vector, shape (3,); vectors of the selected points,
+        shape (n, 3); or m vectors for every point, shape (n, 3, m). Vectors are displacements per unit of the value, of
+        any length.
     units : str, optional
-        Units of the values: m by default, None where the vectors carry them.
+        Units of the values: m by default, None if the vectors carry them.
 
     Examples
     --------
@@ -95,12 +95,12 @@ class Local(OneLine):
         Raises
         ------
         InputError
-            If nothing is selected, or the directions do not fit what is.
+            If nothing is selected, or the directions do not match the selection.
         """
         return Displacement(displacements(*self.directed(layout.mesh), len(layout.points)))
 
     def directed(self, mesh: MovingMesh) -> tuple[np.ndarray, np.ndarray]:
-        """Return the points that are selected on a mesh, shape (n,), and their directions, shape (n, 3, m).
+        """Return the points selected on a mesh, shape (n,), and their directions, shape (n, 3, m).
 
         Raises
         ------
@@ -117,17 +117,17 @@ class Local(OneLine):
 class Translation(OneLine):
     """Translate the surface, or with `OfPart` a part of it, such as a wing along a fuselage or a store below a wing.
 
-    Axes and lattices move along. A value is a displacement, and initially zero.
+    Axes and lattices move with it. A value is a displacement, initially zero.
 
     Parameters
     ----------
     name : str
         Name of the variable.
     direction : str or array_like
-        Coordinate axes by name, ``"z"`` or several as in ``"xyz"``, with a value each; or a vector, shape (3,), the
-        displacement per unit of the one value, of any length.
+        Coordinate axes by name, ``"z"`` or several as in ``"xyz"``, with one value each; or a vector, shape (3,), the
+        displacement per unit of the single value, of any length.
     units : str, optional
-        Units of the values: m by default, None where the vector carries them.
+        Units of the values: m by default, None if the vector carries them.
 
     Examples
     --------
@@ -146,7 +146,7 @@ class Translation(OneLine):
     auxiliary: ClassVar[tuple[AuxiliaryPoints, ...]] = ()
 
     def bind(self, layout: Layout) -> Displacement:
-        """Move all rows alike; `InputError` if there is no such direction."""
+        """Move all rows equally; `InputError` if there is no such direction."""
         (vectors,) = directions_of(self.direction, 1, None, f"'{self.name}'")
         matrix = kron(np.ones((len(layout.points), 1)), vectors, format="csr")
         return Displacement(csr_array(matrix))
@@ -156,7 +156,7 @@ def directions_of(
     # coordinate axes by name, ``"normal"``, a vector of shape (3,), or vectors of shape (n, 3) or (n, 3, m)
     direction: Direction,
     n: int,  # number of points
-    normals: Callable[[], np.ndarray] | None,  # gives the normals, shape (n, 3); None where points have none
+    normals: Callable[[], np.ndarray] | None,  # gives the normals, shape (n, 3); None if points have none
     what: str,  # name of the variable, for messages
 ) -> np.ndarray:
     """Return the directions of n points, shape (n, 3, m), in metres per unit of the m values of each point."""
@@ -189,7 +189,7 @@ def displacements(rows: np.ndarray, directions: np.ndarray, n_rows: int) -> csr_
 
 
 def selector(rows: np.ndarray, n_rows: int) -> csr_array:
-    """Return the matrix, shape (3 n_rows, 3 n), that puts the coordinates of some rows among those of all."""
+    """Return the matrix, shape (3 n_rows, 3 n), that inserts the coordinates of some rows into all."""
     coordinates = (3 * np.asarray(rows)[:, None] + np.arange(3)).ravel()
     columns = np.arange(len(coordinates))
     return csr_array((np.ones(len(columns)), (coordinates, columns)), shape=(3 * n_rows, len(columns)))

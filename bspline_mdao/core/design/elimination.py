@@ -1,11 +1,11 @@
-"""Linear constraints among surface control points, handled by elimination: equations, row reduction, the map E.
+"""Linear constraints among surface control points, handled by elimination: equations, row reduction, and the map E.
 
-The equations of all constraints, ``A d = 0`` on the displacements d, are solved for as many coordinates as they have
-rank: these follow from the others, which stay as they are. The symmetry planes of the mesh are always among them.
+The equations of all constraints, ``A d = 0`` on the displacements d, are solved for as many coordinates as their rank:
+these follow from the others, which stay free. The symmetry planes of the mesh are always included.
 
-Equations are reduced to the reduced row echelon form, one after the other, each by those before it; what is left of one
-gives a coordinate in terms of others, or nothing where it is redundant. Coefficients 0, 1 and -1 stay exact: what
-cancels but for round-off is zero, and what is one but for round-off is one. Theory:
+Equations are brought to reduced row echelon form one after the other, each reduced by the earlier ones. What remains of
+an equation gives a coordinate in terms of others, or nothing if the equation is redundant. Coefficients 0, 1 and -1
+stay exact: values within round-off of zero become zero, and values within round-off of one become one. Theory:
 ``docs/theory/linear_constraints.rst``.
 
 References
@@ -41,27 +41,27 @@ __all__ = [
 ]
 
 INDEPENDENT = 1e-6
-"""An equation counts where it leaves the span of those before it by more than this part of its largest coefficient:
+"""An equation counts if it leaves the span of the earlier ones by more than this fraction of its largest coefficient:
 two normals of one plane, found from nodes in single precision, must not fix a point between them."""
 
 PIVOT = 0.01
-"""A preferred coordinate becomes the pivot where its coefficient is at least this part of the largest one: a threshold
+"""A preferred coordinate becomes the pivot if its coefficient is at least this fraction of the largest one: a threshold
 that bounds the growth of coefficients by 100 per step."""
 
 ROUND_OFF = 8.0 * np.finfo(float).eps
-"""A sum that is smaller than this part of its terms is zero: the round-off of a few operations."""
+"""A sum smaller than this fraction of its terms is zero: the round-off of a few operations."""
 
 Rows = namedtuple("Rows", "starts columns values")
-"""Sparse rows one after the other, each without its pivot, whose coefficient is one."""
+"""Concatenated sparse rows, each without its pivot, whose coefficient is one."""
 
 Work = namedtuple("Work", "values is_in columns n")
-"""One row in the making: a value for every column, and the columns that were touched, ``n[0]`` of them."""
+"""A working row: a value for every column, and the ``n[0]`` columns touched so far."""
 
 SYMMETRY = "symmetry plane"
-"""Name of the constraint that the symmetry planes of a mesh are."""
+"""Name of the constraint from the symmetry planes of a mesh."""
 
 SECTION = "both planes of a section, or periodic sides"
-"""Name of the constraint that surface points move as those that they are copies of."""
+"""Name of the constraint that copies of surface points move like their originals."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +69,8 @@ class Equations(OneLine):
     """Homogeneous equations ``matrix @ d = 0`` on displacements d of the surface control points, xyz interleaved."""
 
     matrix: csr_array  # (n_equations, 3 n_surface), coefficients
-    at: np.ndarray  # int (n_equations,), the surface control point that each equation is about, for messages
-    # the coordinate, of 3 n_surface, that each equation would rather have follow the others; -1 for any
+    at: np.ndarray  # int (n_equations,), the surface control point of each equation, for messages
+    # the coordinate, of 3 n_surface, that each equation prefers as dependent; -1 for any
     preferred: np.ndarray  # int (n_equations,)
 
     @classmethod
@@ -79,7 +79,7 @@ class Equations(OneLine):
         n_surface: int,  # number of surface control points
         rows: np.ndarray,  # int (m, k), the points of each group
         coefficients: np.ndarray,  # factors of the displacements of the points
-        # number, in its group, of the point that is to follow the others: in the coordinate of its largest coefficient
+        # number, in its group, of the point that is to follow the others, in the coordinate of its largest coefficient
         follower: int = -1,
     ) -> Equations:
         """Collect q equations about each of m groups of k points."""
@@ -128,22 +128,22 @@ def _checked(name: str, equations: Equations, n_surface: int) -> Equations:
 class Elimination(OneLine):
     """Displacements that satisfy the constraints."""
 
-    # Coordinates are numbered xyz interleaved, as the columns of `Equations` are.
+    # Coordinates are numbered xyz interleaved, like the columns of `Equations`.
 
     mesh: MovingMesh  # the control mesh whose surface is constrained
-    # gives displacements E d that satisfy the constraints from any displacements d: coordinates that depend on others
-    # follow from them, all others stay as they are. ``E E = E``, and ``A E = 0``
+    # maps any displacements d to displacements E d that satisfy the constraints: dependent coordinates follow from the
+    # others, which keep their values. ``E E = E``, and ``A E = 0``
     matrix: csr_array  # (3 n_surface, 3 n_surface)
-    # coordinates that follow from others, and those of them that cannot move
+    # coordinates that follow from others, and the ones among them that cannot move
     dependent: np.ndarray  # bool (3 n_surface,)
     fixed: np.ndarray  # bool (3 n_surface,)
-    # the equation through which each coordinate depends on others; -1 where it does not
+    # the equation that makes each coordinate dependent; -1 if it is free
     sources: np.ndarray  # int (3 n_surface,)
-    # names and equations of all constraints, in the order in which ``sources`` counts
+    # names and equations of all constraints, in the order counted by ``sources``
     constraints: tuple[tuple[str, Equations], ...]
 
     def reason(self, coordinate: int) -> str:
-        """Name the constraint, and its place, by which a coordinate depends on others; empty where it does not."""
+        """Name the constraint that makes a coordinate dependent, and its place; empty if it is free."""
         source = self.sources[coordinate]
         for name, equations in self.constraints:
             if 0 <= source < len(equations.at):
@@ -154,14 +154,14 @@ class Elimination(OneLine):
 
 
 def eliminate(
-    mesh: MovingMesh,  # the control mesh, whose symmetry planes and copies are always among the constraints
+    mesh: MovingMesh,  # the control mesh, whose symmetry planes and copies are always constraints
     points: np.ndarray,  # (n_surface, 3), surface control points of the baseline (m)
     constraints: Sequence[LinearConstraint] = (),  # further constraints
 ) -> Elimination:
     """Solve linear constraints for the coordinates that are to depend on others."""
-    # An equation is redundant where it leaves the span of those before it by less than 1e-6 of its largest coefficient.
+    # An equation is redundant if it leaves the span of the earlier ones by less than 1e-6 of its largest coefficient.
     # Equations with one coordinate, which fix it, come first; then the symmetry planes and the constraints as declared.
-    # `InputError` if a constraint cannot be satisfied on this baseline; it is named
+    # `InputError`, with its name, if a constraint cannot be satisfied on this baseline
     in_planes = Equations.of(len(mesh.surface_ids), mesh.in_plane_rows[:, None], mesh.in_plane_normals[:, None, None])
     named = [(SYMMETRY, in_planes)]
     if len(mesh.copies):
@@ -176,7 +176,7 @@ def eliminate(
 
 
 def _solve(matrix: csr_array, preferred: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_array]:
-    """Pivots, the equations that gave them, and their rows of coefficients with the sign of E."""
+    """Pivots, their equations, and their rows of coefficients with the sign of E."""
     group = _groups(matrix)
     order = np.lexsort((np.diff(matrix.indptr) > 1, group))
     is_first = np.diff(group[order], prepend=-1) != 0
@@ -212,21 +212,22 @@ def _elimination(
 
 @njit(cache=True)
 def reduced_rows(
-    # Equations as rows of a CSR matrix, in the order in which they are to be used; those that share coordinates,
-    # directly or through others, stand together
+    # Equations as rows of a CSR matrix, in the order of use; equations that share coordinates, directly or through
+    # others, are adjacent
     indptr,
     indices,
     data,
     n_columns,  # int, number of coordinates
-    preferred,  # int (n_equations,), the coordinate that each equation would rather give; -1 for none
-    is_first,  # bool (n_equations,), Equations that share no coordinate with any before them
+    preferred,  # int (n_equations,), the coordinate that each equation prefers as pivot; -1 for none
+    is_first,  # bool (n_equations,), equations that share no coordinate with any earlier one
 ):
     """Reduce equations by rows, which gives dependent coordinates in terms of independent ones."""
-    # 1. Each equation is loaded, and the rows before it are subtracted, so that their pivots vanish from it.
-    # 2. If no more than `INDEPENDENT` of its largest coefficient is left, it is redundant.
-    # 3. Its pivot is the preferred coordinate, or else that of its largest coefficient; the row is scaled to one there.
-    # 4. From the last row to the first, later pivots are replaced by the rows that give them.
-    # returns pivots, sources int (rank,): dependent coordinates, and the equation that gave each
+    # 1. Each equation is loaded, and multiples of earlier rows are subtracted to eliminate their pivots.
+    # 2. If at most `INDEPENDENT` of its largest coefficient is left, it is redundant.
+    # 3. Its pivot is the preferred coordinate, or else the one of its largest coefficient; the row is scaled to one
+    #    there.
+    # 4. From the last row to the first, later pivots are replaced by their rows.
+    # returns pivots, sources int (rank,): dependent coordinates, and the equation of each
     # returns starts int (rank + 1,): start of each row in the columns and values
     # returns columns, values (n_values,): independent coordinates and their coefficients: ``pivot = - sum(values *
     # columns)``
@@ -240,7 +241,7 @@ def reduced_rows(
 
 @njit(cache=True)
 def _forward(indptr, indices, data, preferred, is_first, order, work):
-    """Reduce each equation by those before it, steps 1 to 3; `order` becomes the number of each pivot."""
+    """Reduce each equation by the earlier ones, steps 1 to 3; `order` becomes the number of each pivot."""
     n = len(indptr) - 1
     pivots, sources = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
     rows = _new_rows(n, len(indices))
@@ -264,7 +265,7 @@ def _forward(indptr, indices, data, preferred, is_first, order, work):
 
 @njit(cache=True)
 def _backward(pivots, order, rows, work):
-    """Replace later pivots in every row by the rows that give them, step 4; the last row comes first."""
+    """Replace later pivots in every row by their rows, step 4; the last row comes first."""
     last = len(pivots) - 1
     reduced = _new_rows(len(pivots), len(rows.columns))
     for done in range(len(pivots)):
@@ -283,7 +284,7 @@ def _backward(pivots, order, rows, work):
 
 @njit(cache=True)
 def _pivot(work, size, preferred):
-    """Column to be given by a row: the preferred, or the largest, the last of equals; -1 where the row is redundant."""
+    """Pivot column of a row: the preferred, or the largest, the last of equals; -1 if the row is redundant."""
     largest = _largest(work)
     # step 2
     if largest <= INDEPENDENT * size:
@@ -300,7 +301,7 @@ def _pivot(work, size, preferred):
 
 @njit(cache=True)
 def _subtract_row(work, rows, k, pivot):
-    """Subtract the multiple of row k that makes its pivot vanish."""
+    """Subtract the multiple of row k that eliminates its pivot."""
     factor = work.values[pivot]
     if factor == 0.0:
         return
@@ -337,7 +338,7 @@ def _with_room(rows, n):
 
 @njit(cache=True)
 def _add(work, column, value):
-    """Add to one column; what cancels but for round-off is zero."""
+    """Add to one column; a result within round-off of zero becomes zero."""
     if not work.is_in[column]:
         work.is_in[column] = True
         work.columns[work.n[0]] = column
@@ -349,7 +350,7 @@ def _add(work, column, value):
 
 @njit(cache=True)
 def _largest(work):
-    """Return the largest absolute value of the row in the making."""
+    """Return the largest absolute value of the working row."""
     largest = 0.0
     for column in work.columns[: work.n[0]]:
         largest = max(largest, abs(work.values[column]))
@@ -358,7 +359,7 @@ def _largest(work):
 
 @njit(cache=True)
 def _clear(work):
-    """Empty the row in the making, touched columns alone."""
+    """Clear the touched columns of the working row."""
     for column in work.columns[: work.n[0]]:
         work.values[column] = 0.0
         work.is_in[column] = False
@@ -367,7 +368,7 @@ def _clear(work):
 
 @njit(cache=True)
 def _new_work(n_columns):
-    """Return an empty row in the making."""
+    """Return an empty working row."""
     is_in, columns = np.zeros(n_columns, dtype=np.bool_), np.empty(n_columns, dtype=np.int64)
     return Work(np.zeros(n_columns), is_in, columns, np.zeros(1, dtype=np.int64))
 

@@ -1,9 +1,9 @@
-"""B-spline volumes that move what is in them, and the weights by which they do.
+"""B-spline volumes that move what is embedded in them, and the weights of this motion.
 
-Each embedded point has parameters in one of the volumes, found once on the baseline, and moves by
-``B (L_new - L_old)``, B being the basis functions there and L the points of the volumes. So nothing moves while these
-do not, and what holds for them as a whole, such as an affine motion, holds for what is embedded to round-off. Embedded
-are surface control points, points of reference axes and children. Theory: ``docs/theory/free_form.rst``.
+Each embedded point has parameters in one of the volumes, found once on the baseline, and moves by ``B (L_new - L_old)``
+with the basis functions B there and the points L of the volumes. So nothing moves unless these do, and a motion of all
+of them, such as an affine one, moves everything embedded in the same way to round-off. Surface control points, points
+of reference axes and child lattices are embedded. Theory: ``docs/theory/free_form.rst``.
 
 References
 ----------
@@ -37,15 +37,15 @@ ON_SIDE = 1e-9
 """Parameter up to which a point counts as on a side: the tolerance of the search for parameters."""
 
 BISECTIONS = 16
-"""Halvings of the edges that leave the volumes: which side they pass is found to 1e-5 of their length."""
+"""Bisections of edges that leave the volumes, which find the side they pass to 1e-5 of their length."""
 
 
 class FreeFormVolumes(OneLine, ABC):
-    """B-spline volumes whose points are moved, and what is in them along: a lattice of one volume, or of several."""
+    """B-spline volumes whose points are moved together with everything inside: a lattice of one or more volumes."""
 
-    parent: FreeFormVolumes | None  # the volumes that these are in, and move with
-    moves: Selection | None  # the surface control points that are embedded, all of them inside; those inside by default
-    continuity: int  # derivatives that are continuous where the surface leaves the volumes; -1 fixes nothing
+    parent: FreeFormVolumes | None  # the volumes that contain and move these
+    moves: Selection | None  # the embedded surface control points, all of them inside; by default all inside
+    continuity: int  # number of continuous derivatives where the surface leaves the volumes; -1 fixes nothing
 
     @property
     @abstractmethod
@@ -59,15 +59,15 @@ class FreeFormVolumes(OneLine, ABC):
 
     @abstractmethod
     def chosen(self, where: Any) -> np.ndarray:
-        """Whether each of the points is chosen, bool (n,); `IndexError` where ``where`` does not fit."""
+        """Whether each of the points is chosen, bool (n,); `IndexError` if ``where`` does not match."""
 
     @abstractmethod
     def place_of(self, point: int) -> str:
-        """Say which of the points one is, from 1."""
+        """Describe a point by its number, from 1."""
 
     @property
     def auxiliary(self) -> tuple[FreeFormVolumes, ...]:
-        """These, their parent, the parent of that and so on: what a variable that uses them has to list."""
+        """These, their parent, its parent and so on: what a variable that uses them must list."""
         return (self,) if self.parent is None else (self, *self.parent.auxiliary)
 
     def within(
@@ -94,7 +94,7 @@ class FreeFormVolumes(OneLine, ABC):
         >>> int(lattice.within(low=(None, None, 0.5)).sum())
         16
         """
-        limits = np.array([low, high], dtype=float)  # None becomes nan, beside which nothing is outside
+        limits = np.array([low, high], dtype=float)  # None becomes nan, and nothing compares as outside it
         if limits.shape != (2, 3):
             raise InputError(f"lattice: limits {low} and {high}; give three numbers each, or None")
         near = 1e-9 * self.size
@@ -112,7 +112,7 @@ class FreeFormVolumes(OneLine, ABC):
         points : ndarray, shape (n, 3)
             Points (m).
         mask : ndarray of bool, shape (n,)
-            Points that matter; the rows of the others are empty.
+            Relevant points; the rows of the others are empty.
 
         Returns
         -------
@@ -127,14 +127,14 @@ class FreeFormVolumes(OneLine, ABC):
         return csr_array(placed @ found)
 
     def extend(self, layout: Layout, design_map: DesignMap) -> DesignMap:
-        """Return a map that moves the points as a map of all rows does, and what is embedded along.
+        """Return a map that moves the points like a map of all rows, together with everything embedded.
 
         Parameters
         ----------
         layout : Layout
-            The rows, those of the points among them.
+            The rows, including these points.
         design_map : DesignMap
-            The map, of which only what it does to the rows of the points counts.
+            The map, of which only the effect on these points' rows counts.
 
         Returns
         -------
@@ -167,15 +167,15 @@ class FreeFormVolumes(OneLine, ABC):
 class Embedding:
     """Weights by which a lattice moves all rows."""
 
-    # weights of the lattice's points in the displacement of every row: ones for the rows of the lattice itself. Every
-    # other row sums to one, or is empty where nothing is embedded
+    # weights of the lattice's points in the displacement of every row: ones for the lattice's own rows. Every other row
+    # sums to one, or is empty if it is not embedded
     weights: csr_array  # (n_rows, n_points)
-    is_fixed: np.ndarray  # bool (n_points,), points that the lattice's own variables leave alone, see `fixed_points`
+    is_fixed: np.ndarray  # bool (n_points,), points that the lattice's own variables do not move, see `fixed_points`
 
     @classmethod
     def of(cls, lattice: FreeFormVolumes, layout: Layout) -> Embedding:
         """Find the lattice coordinates of all rows on the baseline."""
-        # `InputError` if no surface control point is embedded, or one that is asked for lies outside
+        # `InputError` if no surface control point is embedded, or a requested one lies outside
         surface = layout.points[layout.rows()]
         parts = [lattice.weights(surface, _embedded_surface(lattice, layout))]
         parts += [_weights_of(lattice, item) for item in layout.auxiliary]
@@ -183,7 +183,7 @@ class Embedding:
 
     @cached_property
     def transfer(self) -> csr_array:
-        """Displacement of all rows by those of the points that are not fixed, shape (3 n_rows, 3 n_points)."""
+        """Map from displacements of the free points to displacements of all rows, shape (3 n_rows, 3 n_points)."""
         kept = csr_array(self.weights * ~self.is_fixed)
         kept.eliminate_zeros()
         return kron(kept, eye_array(3), format="csr")
@@ -191,7 +191,7 @@ class Embedding:
 
 @dataclass(frozen=True, eq=False)
 class ExtendedMap:
-    """A map of lattice points, extended to all that is embedded."""
+    """A map of lattice points, extended to everything embedded."""
 
     rows: slice  # rows of the lattice
     transfer: csr_array  # (3 n_rows, 3 n_points), displacements of all rows from displacements of the lattice's points
@@ -222,7 +222,7 @@ class ExtendedMap:
 
     @cached_property
     def _constant(self) -> tuple[csr_array, csr_array]:
-        """Constant terms: the rows before, less the lattice before, which its new place replaces."""
+        """Constant terms: the rows before, less the lattice before, which its new position replaces."""
         n = self.transfer.shape[0]
         identity = eye_array(n, format="csr")
         return identity, -(self.transfer @ identity[self._coordinates])
@@ -232,7 +232,7 @@ def _weights_of(lattice: FreeFormVolumes, item: Any) -> csr_array:
     """Weights for the points of an auxiliary object: the lattice, a child of it, an axis, or another lattice."""
     if item is lattice:
         return eye_array(len(lattice.points), format="csr")
-    # what is no lattice, such as an axis, follows
+    # anything that is not a lattice, such as an axis, follows
     ancestors = item.auxiliary if isinstance(item, FreeFormVolumes) else (lattice,)
     follows = any(lattice is ancestor for ancestor in ancestors)
     return lattice.weights(item.points, lattice.find(item.points).is_inside & follows)
@@ -261,10 +261,10 @@ def fixed_points(
     lattice: FreeFormVolumes,
     layout: Layout,  # the rows
 ) -> np.ndarray:  # bool (n_points,)
-    """Find the points that the variables of a lattice leave alone, so that the surface stays continuous."""
-    # 1. Edges of the control net with one end inside and one outside leave the lattice; where, bisection finds.
-    # 2. The sides on which these places lie are those that the surface passes.
-    # 3. Fixed are the points on these sides and as many layers behind as derivatives are to be continuous.
+    """Find the points that the variables of a lattice must not move, so that the surface stays continuous."""
+    # 1. Edges of the control net with one end inside and one outside leave the lattice, at places found by bisection.
+    # 2. The sides on which these places lie are crossed by the surface.
+    # 3. The points on these sides are fixed, and as many layers behind as there are continuous derivatives.
     exits, all_ids = _exits(lattice, layout), lattice.mesh.control_ids  # step 1
     n_volumes = np.bincount(np.concatenate([np.unique(ids) for ids in all_ids]))
     fixed, n_layers = np.zeros(len(lattice.points), dtype=bool), lattice.continuity + 1
@@ -276,7 +276,7 @@ def fixed_points(
                 (np.moveaxis(ids, direction, 0), parameters[:, direction]),
                 (np.moveaxis(ids, direction, 0)[::-1], 1.0 - parameters[:, direction]),
             ):
-                is_outer = (n_volumes[layers[0]] == 1).any()  # a side between two volumes is passed by none
+                is_outer = (n_volumes[layers[0]] == 1).any()  # a side between two volumes is never crossed
                 if is_outer and (parts <= ON_SIDE).any():
                     fixed[layers[:n_layers]] = True
     return fixed

@@ -27,27 +27,28 @@ from .variable import AuxiliaryPoints, Layout
 __all__ = ["FreeForm"]
 
 IDLE = 1e-9
-"""Largest weight in any surface control point below which a point of the lattice gets no value: an optimiser could
+"""A lattice point whose largest weight in any surface control point is below this gets no value: an optimizer could
 move it by any amount without effect."""
 
 ON_PLANE = 1e-9
-"""Distance, by the size of the mesh, up to which a point of the lattice lies in a plane of symmetry."""
+"""Distance, relative to the size of the mesh, up to which a lattice point lies in a symmetry plane."""
 
 
 ALIKE = 1e-12
-"""Cosine of the angle between the displacements by two values, less than one, up to which they are multiples."""
+"""Difference from one, in the cosine of the angle between the displacements by two values, up to which they are
+multiples."""
 
 
 @dataclass(frozen=True, eq=False)
 class FreeForm(OneLine):
     """Move points of a lattice, and the control points embedded in it.
 
-    Every point has one value per direction, point by point in C order. A value is a displacement, and initially zero.
-    Left out are points that are fixed for continuity, see `Lattice`, and those so far from the surface that none of its
-    points has them with a weight above 1e-9. Points in a plane of symmetry stay in it: they have no value normal to it,
-    so that both sides of the plane meet smoothly. `point_ids` tells which points are left, `places` what each value is.
-    Of a section that is a layer of cells, points that move its curve alike, one behind the other along the span, have
-    one value together.
+    Every point has one value per direction, point by point in C order. A value is a displacement, initially zero. Two
+    kinds of points have no values: points fixed for continuity, see `Lattice`, and points so far from the surface that
+    their weight in any of its points is at most 1e-9. Points in a symmetry plane stay in it: they have no value normal
+    to it, so both sides of the plane meet smoothly. `point_ids` lists the remaining points, and `places` the meaning of
+    each value. In a section that is one layer of cells, points behind each other along the span that move its curve
+    equally share one value.
 
     Parameters
     ----------
@@ -57,13 +58,13 @@ class FreeForm(OneLine):
         The lattice.
     where : index expression or ndarray of bool, optional
         Which of its points, as numpy indexes an array of shape (n0, n1, n2): ``np.s_[:, :, 1:]``; or a mask of all,
-        such as ``lattice.within(...)``. Of several blocks, a mask, or index expressions by block: ``{0: np.s_[1:]}``.
+        such as ``lattice.within(...)``. For several blocks, a mask, or index expressions by block: ``{0: np.s_[1:]}``.
         All by default.
     direction : str or array_like
-        Coordinate axes by name, ``"y"`` or several as in ``"xyz"``; a vector, shape (3,); or vectors of the points
-        that are left, shape (n, 3) or (n, 3, m).
+        Coordinate axes by name, ``"y"`` or several as in ``"xyz"``; a vector, shape (3,); or vectors of the remaining
+        points, shape (n, 3) or (n, 3, m).
     units : str, optional
-        Units of the values: m by default, None where the vectors carry them.
+        Units of the values: m by default, None if the vectors carry them.
 
     Examples
     --------
@@ -89,12 +90,12 @@ class FreeForm(OneLine):
         return self.lattice.auxiliary
 
     def point_ids(self, layout: Layout) -> np.ndarray:
-        """Numbers of the lattice points that have values, in C order, ascending.
+        """Numbers of the lattice points with values, in C order, ascending.
 
         Raises
         ------
         InputError
-            If there are none, or ``where`` does not fit the lattice.
+            If there are none, or ``where`` does not match the lattice.
         """
         return self._ids(Embedding.of(self.lattice, layout), layout)
 
@@ -109,12 +110,12 @@ class FreeForm(OneLine):
         return Displacement(self._columns(layout)[2])
 
     def places(self, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
-        """Tell which point every value moves, and by what.
+        """Return the point that every value moves, and its displacement.
 
         Returns
         -------
         point_ids : ndarray of int, shape (n_values,)
-            Numbers of the lattice points; of several with one value the first.
+            Numbers of the lattice points; the first of several that share a value.
         directions : ndarray, shape (n_values, 3)
             Their displacements by a unit of the value.
 
@@ -126,7 +127,7 @@ class FreeForm(OneLine):
         return self._columns(layout)[:2]
 
     def _columns(self, layout: Layout) -> tuple[np.ndarray, np.ndarray, csr_array]:
-        """What `places` returns, and the displacements of all rows for a unit of each value."""
+        """Result of `places`, and the displacements of all rows for a unit of each value."""
         embedding = Embedding.of(self.lattice, layout)
         ids = self._ids(embedding, layout)
         fields = directions_of(self.direction, len(ids), None, f"'{self.name}'")

@@ -1,11 +1,11 @@
-"""Rotations about hinges: an axis through two points, and how much of a surface turns about it.
+"""Rotations about hinges: an axis through two points, and how much of a surface rotates about it.
 
-A point x turns about the axis through the points a and b, of direction u = (b - a) / |b - a|, by an angle t after
-Rodrigues, exact for any angle:
+A point x rotates about the axis through the points a and b, of direction u = (b - a) / |b - a|, by an angle t with
+Rodrigues' formula, exact for any angle:
 
     a + cos t r + sin t u x r + (1 - cos t) u (u . r) ,    r = x - a .
 
-The named deformation ``rotate`` and the design variable `bspline_mdao.design.Rotation` are made of it. Theory:
+The named deformation ``rotate`` and the design variable `bspline_mdao.design.Rotation` use it. Theory:
 ``docs/theory/deformations.rst``.
 """
 
@@ -33,28 +33,30 @@ PARALLEL = 1e-6
 """Sine of the angle to the stream below which a hinge has nothing behind it."""
 
 ON_LINE = 1e-9
-"""Distance ahead of a hinge line or beyond its ends, by its length, up to which a point counts as on it: round-off."""
+"""Distance ahead of a hinge line or beyond its ends, relative to its length, up to which a point is on it:
+round-off."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hinge(OneLine):
     """An axis through two points, about which control surfaces, tails, blades and whole bodies rotate.
 
-    Its points are rows among those that design variables move: what moves the surface about them moves them along,
-    and `HingePoints` moves them alone.
+    Its points are among the rows moved by design variables: they move with the surface around them, and `HingePoints`
+    moves only them.
 
     Parameters
     ----------
     first, second : array_like, shape (3,)
-        Two points of the axis on the baseline (m). Positive angles turn by the right hand from the first to the second.
+        Two points of the axis on the baseline (m). Positive angles follow the right-hand rule from the first to the
+        second.
     name : str, optional
-        Name of an output of `GridMovement`, shape (6,), with both points where design variables put them (m), which a
-        `bspline_mdao.flow.HingeMoment` about this hinge needs; without a name there is none.
+        Name of an output of `GridMovement`, shape (6,), with both points as moved by design variables (m), needed by a
+        `bspline_mdao.flow.HingeMoment` about this hinge; no output without a name.
 
     Raises
     ------
     InputError
-        If a point is not finite, both are the same, or the name is no name.
+        If a point is not finite, both are the same, or the name is invalid.
 
     Examples
     --------
@@ -82,20 +84,20 @@ class Hinge(OneLine):
         surface: SurfaceGrid | None = None,
         name: str = "",
     ) -> Hinge:
-        """Lay a hinge along a part of the chord, such that positive angles turn the trailing edge down.
+        """Place a hinge along a fraction of the chord, such that positive angles rotate the trailing edge down.
 
         Parameters
         ----------
         mesh : MovingMesh
-            The control mesh, whose surface gives stream, normal and span.
+            The control mesh, whose surface defines stream, normal and span.
         chord : float
-            Part of the chord, 0 the leading edge and 1 the trailing edge.
+            Fraction of the chord, 0 at the leading edge and 1 at the trailing edge.
         span : tuple of float
-            Parts of the span where it begins and ends.
+            Fractions of the span where it begins and ends.
         surface : SurfaceGrid, optional
-            As of `ReferenceAxis.of`.
+            As for `ReferenceAxis.of`.
         name : str, optional
-            As of `Hinge`.
+            As for `Hinge`.
 
         Returns
         -------
@@ -128,15 +130,15 @@ class Hinge(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class BehindHinge(OneLine):
-    """How much turns by where it is: all behind the hinge line and between its ends, fading out ahead and beside."""
+    """Rotation by position: full behind the hinge line and between its ends, fading out ahead and beyond."""
 
-    # Distances ahead of the line are at right angles to it, normal to what the hinge and the stream span no distance
-    # counts; the ends are cut along the stream. Both fade as 1 - p^2 (3 - 2 p), whose slope has no jump.
+    # Distances ahead of the line are perpendicular to it; distances normal to the plane of hinge and stream do not
+    # count; the ends are cut along the stream. Both fade as 1 - p^2 (3 - 2 p), whose slope is continuous.
 
     hinge: np.ndarray  # (2, 3), points of the axis (m)
     stream: np.ndarray  # (3,), unit vector downstream
-    blend: float  # distance ahead of the line over which turning fades (m)
-    ends: float  # distance beyond its ends over which turning fades (m); 0: not at all beyond them
+    blend: float  # distance ahead of the line over which rotation fades (m)
+    ends: float  # distance beyond its ends over which rotation fades (m); 0: no rotation beyond them
 
     def __post_init__(self) -> None:
         if not self._across @ self._across > PARALLEL**2:
@@ -150,7 +152,7 @@ class BehindHinge(OneLine):
 
     @cached_property
     def _across(self) -> np.ndarray:
-        """Part of the hinge's unit vector that is normal to the stream."""
+        """Component of the hinge's unit vector normal to the stream."""
         return self._line - (self._line @ self.stream) * self.stream
 
     @cached_property
@@ -158,17 +160,17 @@ class BehindHinge(OneLine):
         return float(np.linalg.norm(self.hinge[1] - self.hinge[0]))
 
     def ahead(self, points: np.ndarray) -> np.ndarray:
-        """Distances (m) of points (n, 3) ahead of the hinge line, at right angles to it."""
+        """Distances (m) of points (n, 3) ahead of the hinge line, perpendicular to it."""
         behind = self.stream - (self.stream @ self._line) * self._line
         return -(points - self.hinge[0]) @ behind / np.linalg.norm(behind)
 
     def height(self, points: np.ndarray) -> np.ndarray:
-        """Heights (m) of points (n, 3) above hinge and stream, on the side that positive angles lift what is behind."""
+        """Heights (m) of points (n, 3) above hinge and stream, on the side to which positive angles lift the rear."""
         normal = np.cross(self._line, self.stream)
         return (points - self.hinge[0]) @ normal / np.linalg.norm(normal)
 
     def weights(self, points: np.ndarray) -> np.ndarray:
-        """Parts of the angle by which points (n, 3), in metres, turn: from 0 to 1."""
+        """Fractions of the angle by which points (n, 3), in metres, rotate: from 0 to 1."""
         along = (points - self.hinge[0]) @ self._across / (self._across @ self._across)
         slack = ON_LINE * self._length
         weights = faded(self.ahead(points), self.blend, slack)
@@ -178,7 +180,7 @@ class BehindHinge(OneLine):
 
 
 def faded(distances: np.ndarray, reach: float, slack: float) -> np.ndarray:
-    """1 up to a distance of zero, 0 from the reach on, a cubic between; without a reach a step at the slack."""
+    """1 up to a distance of zero, 0 from the reach on, a cubic in between; a step at the slack if there is no reach."""
     if not reach > slack:
         return np.where(distances.real > slack, 0.0, 1.0)
     part = np.where(distances.real < 0.0, 0.0, np.where(distances.real > reach, 1.0, distances / reach))
@@ -187,10 +189,10 @@ def faded(distances: np.ndarray, reach: float, slack: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class NearestPart(OneLine):
-    """A part of a surface by known points of it and of the rest: any other point is of what it is nearest to."""
+    """A part of a surface, given by known points of it and of the rest: any other point belongs to the nearest."""
 
     part: np.ndarray  # (n, 3), points of the part (m)
-    rest: np.ndarray  # (m, 3), points of the rest (m), none of which are of the part
+    rest: np.ndarray  # (m, 3), points of the rest (m), none of which are in the part
 
     @classmethod
     def of(cls, points: np.ndarray, is_part: np.ndarray) -> NearestPart:
@@ -198,14 +200,14 @@ class NearestPart(OneLine):
         return cls(points[is_part], points[~is_part])
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Whether points (n, 3) are of the part."""
+        """Whether points (n, 3) are in the part."""
         to_part, to_rest = (
             tree.query(points.real)[0] if tree.n else np.full(len(points), np.inf) for tree in self._trees
         )
         return to_part <= to_rest
 
     def moved(self, by: Callable[[np.ndarray], np.ndarray]) -> NearestPart:
-        """The part where a map takes its points."""
+        """The part after a map has moved its points."""
         return NearestPart(by(self.part), by(self.rest))
 
     @cached_property
@@ -215,13 +217,13 @@ class NearestPart(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class RotatedPart(OneLine):
-    """What turns about a hinge: a part as a whole, what is behind the hinge line, or both."""
+    """What rotates about a hinge: a whole part, everything behind the hinge line, or both."""
 
     whole: NearestPart | None = None
     behind: BehindHinge | None = None
 
     def weights(self, points: np.ndarray) -> np.ndarray:
-        """Parts of the angle by which points (n, 3), in metres, turn: from 0 to 1; real or complex as these are."""
+        """Fractions of the angle by which points (n, 3), in metres, rotate: from 0 to 1; complex if the points are."""
         weights = np.zeros(len(points)) if self.behind is None else self.behind.weights(points)
         return weights if self.whole is None else np.where(self.whole.contains(points), 1.0, weights)
 
@@ -231,20 +233,20 @@ def about_axis(
     hinge: np.ndarray,  # (2, 3), points of the axis (m)
     angles: np.ndarray,  # (n,) or (), rad
 ) -> np.ndarray:  # (n, 3), m
-    """Turn points about an axis; real or complex."""
+    """Rotate points about an axis; real or complex."""
     line = hinge[1] - hinge[0]
     line = line / np.sqrt(np.sum(line**2))
     arms, angles = points - hinge[0], np.asarray(angles)[..., None]
     along = (arms @ line)[:, None] * line
-    # versine by the half angle, so that small turns keep their digits
+    # versine by the half angle, so that small angles keep their digits
     return points + np.sin(angles) * np.cross(line, arms) + 2.0 * np.sin(0.5 * angles) ** 2 * (along - arms)
 
 
 def about_axis_rates(
     points: np.ndarray, hinge: np.ndarray, angles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Differentiate `about_axis`, of angles (n,), with respect to each point and to both of the axis."""
-    # Returns matrices (n, 3, 3), of the points, the first and the second of the axis.
+    """Differentiate `about_axis`, for angles (n,), with respect to each point and both axis points."""
+    # Returns matrices (n, 3, 3), for the points and the first and second axis point.
     line = hinge[1] - hinge[0]
     length = np.sqrt(np.sum(line**2))
     line = line / length
@@ -258,5 +260,5 @@ def about_axis_rates(
 
 
 def _cross_matrix(vectors: np.ndarray) -> np.ndarray:
-    """Matrices of the products of vectors (..., 3) with others, shape (..., 3, 3)."""
+    """Matrices of cross products with vectors (..., 3), shape (..., 3, 3)."""
     return np.cross(np.asarray(vectors)[..., None, :], np.eye(3)).swapaxes(-1, -2)

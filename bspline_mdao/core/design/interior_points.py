@@ -1,8 +1,8 @@
-"""Interior control points as variables: they move the grid and leave the surface where it is, section II.E.
+"""Interior control points as variables: they move the grid and keep the surface fixed, section II.E.
 
-A value is a displacement along one of the three lines of the control mesh through the point, by the distance to the
-nearest neighbour on that line, so that values of cells of any size and aspect are alike, and a bound on them says how
-far a point may go. Theory: ``docs/theory/adaptation.rst``.
+A value is a displacement along one of the three control mesh lines through the point, in units of the distance to the
+nearest neighbour on that line. So values mean the same for cells of any size and aspect ratio, and a bound limits how
+far a point may move. Theory: ``docs/theory/adaptation.rst``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from .variable import block_diagonal
 __all__ = ["InteriorPoints", "InteriorShift"]
 
 SHORT = 1e-9
-"""A line of the control mesh is no direction where neighbours on it are nearer than this part of the mesh's size."""
+"""A line of the control mesh gives no direction if neighbours on it are nearer than this fraction of the mesh's
+size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,7 @@ class InteriorShift(OneLine):
 
     @cached_property
     def matrix(self) -> csr_array:
-        """Displacements of all control points, xyz interleaved, by values: shape (3 n_points, n_values)."""
+        """Map from values to displacements of all control points, xyz interleaved: shape (3 n_points, n_values)."""
         rows = block_diagonal(self.directions[:, :, None])
         sums = csr_array(
             (np.ones(3 * self.n_values), (_interleaved(self.point_ids), np.arange(3 * self.n_values))),
@@ -83,23 +84,23 @@ class InteriorShift(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class InteriorPoints(OneLine):
-    """Move control points inside the grid with a fixed surface.
+    """Move control points inside the grid while the surface stays fixed.
 
-    Points of walls, of the far field and of what nobody declared are held, and so are edges where patches meet; those
-    of symmetry planes slide in them; those of interfaces move with all their blocks. Every point has a value for each
-    direction that is left to it, three inside: along the lines of the control mesh, by the distance to the nearest
-    neighbour on the line. So values have no units, and are zero where nothing moves.
+    Points of walls, of the far field and of undeclared faces are fixed, and so are edges where patches meet. Points on
+    symmetry planes slide in them; points on interfaces move in all their blocks. Every point has a value for each of
+    its free directions, three inside: along the lines of the control mesh, in units of the distance to the nearest
+    neighbour on the line. So values are dimensionless, and zero where nothing moves.
 
     Parameters
     ----------
     name : str
         Name of the variable.
     where : ndarray of bool, shape (n_control_points,), or of int, optional
-        Which control points; all that may move by default.
+        Which control points; all movable ones by default.
     reach : float
-        How far they may go: largest absolute value, below 0.5 so that neighbours do not meet.
+        How far they may move: largest absolute value, below 0.5 so that neighbours do not meet.
     sliding : str or sequence of str
-        Planar patches whose points slide in their planes, beside symmetry planes.
+        Planar patches whose points slide in their planes, in addition to symmetry planes.
 
     Examples
     --------
@@ -126,7 +127,7 @@ class InteriorPoints(OneLine):
         Parameters
         ----------
         model : FittedModel
-            The fitted grid; directions are those of its control mesh.
+            The fitted grid, whose control mesh gives the directions.
 
         Returns
         -------
@@ -135,7 +136,7 @@ class InteriorPoints(OneLine):
         Raises
         ------
         InputError
-            If no point is left to move, ``where`` does not fit the control mesh, or a patch cannot slide.
+            If no point is left to move, ``where`` does not match the control mesh, or a patch cannot slide.
         """
         require_kind(model, FittedModel, f"the model of '{self.name}'", "make it with fit_grid(grid)")
         projectors, lines = interior_directions(model, self.sliding), control_lines(model)
@@ -168,7 +169,7 @@ class InteriorPoints(OneLine):
 
 
 def _what_may_slide(model: FittedModel, sliding: str | Sequence[str]) -> str:
-    """Name the periodic planes of a model, and say what lets them slide."""
+    """Name the periodic planes of a model, and say how to let them slide."""
     patch_of = {face.window: face.patch for face in model.topology.boundary}
     texts = []
     for pair in fixed_periodic_planes(model, sliding):
@@ -193,9 +194,9 @@ def control_lines(
     model: FittedModel,  # the fitted grid
 ) -> np.ndarray:
     """Directions of the three lines of the control mesh through each control point."""
-    # returns (n_control_points, 3, 3), rows are the directions i, j, k of the first volume that has the point: from the
-    # neighbour before it to the one after it, as long as the way to the nearer one (m); zero where there is no
-    # neighbour at another place
+    # returns (n_control_points, 3, 3), rows are the directions i, j, k of the first volume with the point: from the
+    # neighbour before it to the one after it, with the length to the nearer one (m); zero if no neighbour is at another
+    # place
     points = model.control_points
     lines, is_done = np.zeros((len(points), 3, 3)), np.zeros(len(points), dtype=bool)
     for ids in model.mesh.control_ids:
@@ -207,7 +208,7 @@ def control_lines(
 
 
 def _along(net: np.ndarray, direction: int) -> np.ndarray:
-    """Directions of a net of points (N0, N1, N2, 3) along one of its lines, as long as the way to the nearer end."""
+    """Directions of a net of points (N0, N1, N2, 3) along one of its lines, with the length to the nearer end."""
     if net.shape[direction] == 1:
         return np.zeros_like(net)
     lengths = np.linalg.norm(np.diff(net, axis=direction), axis=-1)
@@ -221,7 +222,7 @@ def _along(net: np.ndarray, direction: int) -> np.ndarray:
 
 
 def _independent(projectors: np.ndarray, lines: np.ndarray, directions: np.ndarray, short: float) -> np.ndarray:
-    """Which directions of each point count, shape (n, 3): as many as its projector leaves, the least turned first."""
+    """Which directions of each point count, shape (n, 3): as many as its projector leaves, the least rotated first."""
     lengths = np.linalg.norm(lines, axis=2)
     left = np.linalg.norm(directions, axis=2) / np.maximum(lengths, np.finfo(float).tiny)
     left[lengths <= short] = -1.0
@@ -231,5 +232,5 @@ def _independent(projectors: np.ndarray, lines: np.ndarray, directions: np.ndarr
 
 
 def _interleaved(ids: np.ndarray) -> np.ndarray:
-    """Rows of x, y and z of points by their numbers."""
+    """Rows of x, y and z of numbered points."""
     return (3 * ids[:, None] + np.arange(3)).ravel()

@@ -1,11 +1,11 @@
-"""Where a wing meets a body: nodes slide on the body, and those beside them go along.
+"""Where a wing meets a body: nodes slide on the body, and nearby nodes follow.
 
-What design variables ask of the junction may lead off the body: its nodes are taken to the nearest places on the body's
-surface, with what they are off it on the baseline. The surface is one of the fixed surfaces that nodes slide on; where
-none is given it is the smooth one through the body's nodes, by their normals and curvatures. What is left over of the
-wing's displacement fades into the wing, and the slide of the junction fades into the body, over a distance. Variables
-of the body's own shape come after that: they move the body's nodes from where they have slid to, and what they do to
-the junction fades into the wing as well. Theory: ``docs/theory/free_form.rst``.
+Design variables may move the junction off the body. So its nodes are projected to the nearest points on the body's
+surface, keeping their baseline offset. The surface is one of the fixed surfaces that nodes slide on; if none is given
+it is the smooth surface through the body's nodes, from their normals and curvatures. The rest of the wing's
+displacement fades into the wing, and the slide of the junction fades into the body, over a distance. Variables of the
+body's own shape follow: they move the body's nodes from where they have slid to, and their effect on the junction fades
+into the wing as well. Theory: ``docs/theory/free_form.rst``.
 """
 
 from __future__ import annotations
@@ -32,52 +32,53 @@ from .variable import DesignMap, Layout, MapPartials, block_diagonal, product_on
 __all__ = ["Junction"]
 
 REACH = 1.5
-"""How far a node of the body counts for its surface, by the longest edge there. On a cylinder with ten edges along its
-radius the surface is off by 6e-5 of that; with twice the reach by 26e-5, with 1.2 by 4e-5 and fewer neighbours."""
+"""Distance within which a body node contributes to the surface, relative to the longest edge there. On a cylinder with
+ten edges along its radius the surface error is 6e-5 of the radius; with twice the reach 26e-5, with 1.2 4e-5 and fewer
+neighbours."""
 
 SAME_PLANE = 6
 """Decimals to which the normals of one plane agree."""
 
 ROUGH = 0.07
-"""Part of its longest edge by which the surface may miss a node. An ellipsoid with two edges along its radius is
-missed by 0.06 at most, and what slides leaves it by 1 % of the radius; a cylinder of which an edge spans 48 degrees by
-0.1, and what slides leaves it by 20 %."""
+"""Largest distance between the surface and a node, as a fraction of its longest edge. For an ellipsoid with two edges
+along its radius it is at most 0.06, and sliding nodes leave it by 1 % of the radius; for a cylinder with edges of 48
+degrees it is 0.1, and sliding nodes leave it by 20 %."""
 
 N_NEAREST = 16
-"""Nodes of the junction whose displacements a node beside it takes, by the square of the inverse of their distances,
-less that of the next one's: so which nodes these are changes where their weight is zero. Without, the four nearest
-change between two rows of nodes behind the wing that are 2e-4 m apart, and 12 cells of the wing on a fuselage fold."""
+"""Number of junction nodes whose displacements a nearby node takes, weighted by their inverse squared distances less
+the next node's: so the set of nodes changes where their weight is zero. Without this, the four nearest change between
+two rows of nodes behind the wing that are 2e-4 m apart, and 12 cells of the wing on a fuselage fold."""
 
 AS_NEAR = 1e-9
-"""Part of a distance by which others must exceed it for one to be the nearer: on the axis of a round junction all nodes
-are as near, and count alike."""
+"""Relative difference in distance below which nodes count as equally near: on the axis of a round junction all nodes
+are equally near, with equal weights."""
 
 
 @dataclass(frozen=True, eq=False)
 class Junction(OneLine):
     """Let a wing slide on a body that keeps its shape.
 
-    The design surface holds both. Whatever the variables do to the body is put aside, but for those of its own shape:
-    its nodes near the wing slide on it along with the wing, and the wing's root stays on it. Of a grid of blocks that
-    was fitted the design surface is one of nodes, `bspline_mdao.DesignSurface.of_nodes`; of a mesh without structure
-    it is anyway.
+    The design surface contains both. The variables' effect on the body is discarded, except for variables of its own
+    shape: its nodes near the wing slide on it with the wing, and the wing's root stays on it. For a fitted
+    block-structured grid the design surface must be of nodes, `bspline_mdao.DesignSurface.of_nodes`; for an
+    unstructured mesh it always is.
 
     Parameters
     ----------
     body : Selection or array_like of int
-        Nodes of the body, those that it shares with the wing among them; numbers are rows of ``mesh.surface_ids``.
+        Nodes of the body, including nodes shared with the wing; numbers are rows of ``mesh.surface_ids``.
     reach : float
-        Distance from the junction (m) over which displacements fade, on the wing and on the body: some three times as
+        Distance from the junction (m) over which displacements fade, on the wing and on the body: about three times as
         far as the wing is to slide.
     surface : FixedSurface, optional
-        The surface of the body where it has a formula, such as a `Cylinder`, or a `PatchedSurface` of its faces. By
-        default it is a smooth one through the body's nodes.
+        The surface of the body: a formula, such as a `Cylinder`, or a `PatchedSurface` of its faces. By default a
+        smooth surface through the body's nodes.
     shape : sequence of str
-        Names of variables of the body's own shape, done after the wing has slid. Where they move points by the place
-        where these are by then, as `RadiusFactor` does, the junction stays on the body that they make.
+        Names of variables of the body's own shape, applied after the wing has slid. If they move points depending on
+        their current position, as `RadiusFactor` does, the junction stays on the reshaped body.
     rigid : float
-        Distance from the junction (m), less than ``reach``, within which everything moves rigidly, such as a
-        fillet: displacements fade from there on.
+        Distance from the junction (m), less than ``reach``, within which everything, such as a fillet, moves rigidly:
+        displacements fade from there on.
 
     Examples
     --------
@@ -93,13 +94,13 @@ class Junction(OneLine):
     rigid: float = 0.0
 
     def bind(self, layout: Layout) -> SlidingJunction:
-        """Decide what depends on the baseline alone.
+        """Compute what depends only on the baseline.
 
         Raises
         ------
         InputError
-            If the mesh has control points of blocks, the wing does not meet the body, the body has a kink near it, its
-            nodes are far off the given surface, the reach is not positive, or what is rigid is not within it.
+            If the mesh has block control points, the wing does not meet the body, the body has a kink near the wing,
+            its nodes are far off the given surface, the reach is not positive, or ``rigid`` is not within it.
         """
         if layout.mesh.parameters is not None:
             raise InputError(
@@ -140,12 +141,12 @@ class Junction(OneLine):
         )
 
     def _fading(self, tree: cKDTree, points: np.ndarray) -> csr_array:
-        """Displacements of points, xyz interleaved, by those of the nodes of a junction: (3 m, 3 n)."""
+        """Map from displacements of junction nodes to displacements of points, xyz interleaved: (3 m, 3 n)."""
         k = min(N_NEAREST, tree.n)
         distances, nearest = (np.reshape(found, (len(points), k + 1)) for found in tree.query(points, k=k + 1))
         part = np.maximum(distances[:, 0] - self.rigid, 0.0) / (self.reach - self.rigid)
         fade = 1.0 - part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
-        # of another grid, nodes may be at one of the junction; nodes that there are not are at infinity
+        # nodes of another grid may coincide with a junction node; missing nodes are at infinity
         apart = np.maximum(distances, np.finfo(float).tiny)
         closeness = apart[:, :1] / apart
         weights = (closeness[:, :-1] - closeness[:, -1:]) ** 2
@@ -159,16 +160,16 @@ class Junction(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class SlidingJunction(OneLine):
-    """A junction that is bound to rows: a map without values."""
+    """A junction bound to rows: a map without values."""
 
     layout: Layout
     junction: np.ndarray  # int (n,), rows of the junction
     near: np.ndarray  # int (m,), rows of the body within reach of it
     resting: np.ndarray  # int, the body's other rows
-    # both on the body's surface, and in the planes of symmetry that they are in
+    # both on the body's surface, and in their symmetry planes
     root: SlidingNodes
     collar: SlidingNodes
-    into_wing: csr_array  # (3 n_rows, 3 n), displacements of the rows by what is left over at the junction
+    into_wing: csr_array  # (3 n_rows, 3 n), displacements of the rows by the remaining displacement at the junction
     into_body: csr_array  # (3 m, 3 n), displacements of the body by the slides of the junction
 
     initial = np.zeros(0)
@@ -206,13 +207,13 @@ class SlidingJunction(OneLine):
 
     @cached_property
     def _others(self) -> csr_array:
-        """Ones for the coordinates that are not of the body."""
+        """Ones for the coordinates outside the body."""
         kept = np.ones(len(self.layout.points))
         kept[np.concatenate([self.junction, self.near, self.resting])] = 0.0
         return _picking(np.repeat(kept, 3))
 
     def _closest(self, points: np.ndarray) -> tuple[SlidNodes, SlidNodes]:
-        """Where the junction slides to, and where the body near it does, which follows."""
+        """Where the junction slides to, and where the nearby body follows."""
         root = self.root.at(points[self.junction])
         gone = self.into_body @ (root.points - self.layout.points[self.junction]).reshape(-1)
         return root, self.collar.at(self.layout.points[self.near] + gone.reshape(-1, 3))
@@ -224,8 +225,8 @@ class ShapedBody(OneLine):
 
     of_body: DesignMap  # of all rows
     body: np.ndarray  # int, rows of the body
-    junction: np.ndarray  # int (n,), those that it shares with the wing
-    into_wing: csr_array  # (3 n_rows, 3 n), displacements of the rows by those of the junction
+    junction: np.ndarray  # int (n,), rows shared with the wing
+    into_wing: csr_array  # (3 n_rows, 3 n), displacements of the rows by the junction's displacements
 
     @property
     def initial(self) -> np.ndarray:
@@ -255,14 +256,14 @@ class ShapedBody(OneLine):
 
 
 def _picking(mask: np.ndarray) -> csr_array:
-    """Ones on the diagonal where a mask of ones and zeros has them."""
+    """Diagonal matrix of a mask of ones and zeros."""
     found = csr_array(diags_array(mask))
     found.eliminate_zeros()
     return found
 
 
 def _sliding(surface: FixedSurface, rows: np.ndarray, layout: Layout) -> SlidingNodes:
-    """Nodes by their rows, ascending, on a surface, and in the planes of symmetry that they are in."""
+    """Nodes by their rows, ascending, on a surface and in their symmetry planes."""
     mesh, points = layout.mesh, layout.points
     normals, which = np.unique(np.round(mesh.in_plane_normals, SAME_PLANE), axis=0, return_inverse=True)
     slides, members = [Slide("junction", surface)], [rows]
@@ -275,7 +276,7 @@ def _sliding(surface: FixedSurface, rows: np.ndarray, layout: Layout) -> Sliding
 
 
 def _through_nodes(body: SmoothCorners, rows: np.ndarray, layout: Layout) -> NodeSurface:
-    """The surface through the nodes of a body that are on no kink; some of them must not be."""
+    """The surface through the body nodes that are not on a kink; some of them must not be."""
     matrices, is_found = jets(body, np.arange(len(body.nodes)))
     counts = np.bincount(body.nodes, minlength=len(body.points))
     places = np.flatnonzero(is_found & (counts[body.nodes] == 1))

@@ -1,6 +1,6 @@
-"""Lattices: B-spline volumes around the surface control points, which go where their own points go.
+"""Lattices: B-spline volumes around the surface control points, moved by their own points.
 
-What they do to what is in them is in `bspline_mdao.core.design.embedding`. Theory: ``docs/theory/free_form.rst``.
+How they move their contents is in `bspline_mdao.core.design.embedding`. Theory: ``docs/theory/free_form.rst``.
 """
 
 from __future__ import annotations
@@ -30,44 +30,44 @@ from .selection import Selection
 __all__ = ["Lattice", "lattice_points", "uniform_volume"]
 
 BOX = 1e-12
-"""Distance, relative to the diagonal, up to which control points count as those of a box: round-off of the user's
+"""Distance, relative to the diagonal, up to which control points count as forming a box: round-off of the user's
 arithmetic. In a box coordinates are found by a product instead of a search."""
 
 SECTIONS = 9
-"""Sections of a wing from which the sides of a lattice around it have their slopes."""
+"""Number of wing sections that give the sides of a lattice around it their slopes."""
 
 CUBIC = 4
-"""Order of a lattice in each direction by default."""
+"""Default order of a lattice in each direction."""
 
 
 @dataclass(frozen=True, eq=False)
 class Lattice(FreeFormVolumes):
-    """A B-spline volume that moves what is in it.
+    """A B-spline volume that moves everything inside it.
 
-    Embedded are the surface control points inside, or those of ``moves``; the points of reference axes inside; and the
-    points of its child lattices. What is outside stays.
+    The surface control points inside, or the ones in ``moves``, are embedded, and so are points of reference axes
+    inside and the points of child lattices. Everything outside stays.
 
     Parameters
     ----------
     control_points : array_like, shape (n0, n1, n2, 3)
-        Points of the lattice on the baseline (m), two at least in each direction.
+        Points of the lattice on the baseline (m), at least two in each direction.
     orders : int or sequence of three int, optional
-        Order p (degree plus one) in each direction, of knots that are evenly spaced. By default 4, or the number of
-        points where that is less. A Bezier volume has as many as it has points.
+        Order p (degree plus one) in each direction, with evenly spaced knots. By default 4, or the number of points if
+        that is less. In a Bezier volume the order equals the number of points.
     parent : Lattice or LatticeBlocks, optional
-        The lattice that this one is in, and moves with.
+        The lattice that contains this one and moves it.
     moves : Selection, optional
-        The surface control points that are embedded; all of them have to be inside.
+        The embedded surface control points; all of them must be inside.
     continuity : int
-        Where the surface leaves the lattice through a side, its displacement ends with this many continuous
-        derivatives: the lattice's own variables leave that side and as many layers behind it alone. -1 fixes nothing.
+        Number of continuous derivatives of the displacement where the surface leaves the lattice through a side: the
+        lattice's own variables do not move that side and as many layers behind it. -1 fixes nothing.
     knots : sequence of three Knots, optional
-        Knots in each direction, where they are not evenly spaced; they have orders of their own.
+        Knots in each direction, if they are not evenly spaced; they define the orders.
 
     Raises
     ------
     InputError
-        If the points do not make a lattice, the orders do not suit their number, or points lie outside the parent.
+        If the points do not form a lattice, the orders do not suit their number, or points lie outside the parent.
 
     Examples
     --------
@@ -106,20 +106,20 @@ class Lattice(FreeFormVolumes):
         axes: np.ndarray | None = None,
         **options: Any,
     ) -> Lattice:
-        """Make a lattice in the form of a box, in which coordinates are proportional to lengths.
+        """Make a box-shaped lattice, in which coordinates are proportional to lengths.
 
         Parameters
         ----------
         around : MovingMesh or array_like, shape (n_points, 3)
-            The mesh whose surface, or the points (m), that it surrounds; two opposite corners will do.
+            The mesh whose surface it surrounds, or the points (m); two opposite corners suffice.
         n : sequence of three int
             Points in each direction.
         orders : int or sequence of three int, optional
             As for `Lattice`.
         margin : float
-            Part of each extent by which the box is larger at both ends.
+            Fraction of each extent by which the box is larger at both ends.
         axes : array_like, shape (3, 3), optional
-            Its directions, one per row, of any length; the coordinate axes by default. They may be oblique.
+            Its directions, one per row, of any length, possibly oblique; the coordinate axes by default.
         **options
             ``parent``, ``moves`` and ``continuity`` of the lattice.
 
@@ -130,7 +130,7 @@ class Lattice(FreeFormVolumes):
         Raises
         ------
         InputError
-            If the directions lie in one plane, or the box has no extent in one of them.
+            If the directions lie in one plane, or the box has no extent along one of them.
         """
         points = _corners(around)
         axes = np.eye(3) if axes is None else _box_axes(axes)
@@ -153,8 +153,8 @@ class Lattice(FreeFormVolumes):
     ) -> Lattice:
         """Make a lattice whose sides follow the sweep, taper and dihedral of a wing.
 
-        Along the stream and normal to it, its sides are as steep as the edges of the sections, by least squares along
-        the span, and touch the surface; then they move out by the margin.
+        Along the stream and normal to it, its sides have the slopes of the section edges, by least squares along the
+        span, and touch the surface; then they are moved out by the margin.
 
         Parameters
         ----------
@@ -165,7 +165,7 @@ class Lattice(FreeFormVolumes):
         orders : int or sequence of three int, optional
             As for `Lattice`.
         margin : float
-            Part of each extent by which it is larger at both ends.
+            Fraction of each extent by which it is larger at both ends.
         **options
             ``parent``, ``moves`` and ``continuity`` of the lattice.
 
@@ -214,7 +214,7 @@ class Lattice(FreeFormVolumes):
         orders: int | Sequence[int] | None = None,
         **options: Any,
     ) -> Lattice:
-        """Make a lattice between eight corners, in which coordinates are trilinear: around a swept and tapered wing.
+        """Make a lattice between eight corners, with trilinear coordinates, for a swept and tapered wing.
 
         Parameters
         ----------
@@ -248,7 +248,7 @@ class Lattice(FreeFormVolumes):
         )
 
     def _require_knots(self, knots: Sequence[Knots]) -> None:
-        """Refuse knots beside orders, and those of another number of points."""
+        """Refuse knots together with orders, or knots for another number of points."""
         n = tuple(each.n_control for each in knots)
         if self.orders is not None or n != self.control_points.shape[:3]:
             raise InputError(
@@ -266,7 +266,7 @@ class Lattice(FreeFormVolumes):
         Returns
         -------
         parameters : ndarray, shape (n, 3)
-            In [0, 1]; those of points outside belong to a nearby point of the boundary.
+            In [0, 1]; points outside get the parameters of a nearby boundary point.
         is_inside : ndarray of bool, shape (n,)
             Whether the points are inside, up to 1e-9 of the lattice's diagonal.
         """
@@ -291,18 +291,18 @@ class Lattice(FreeFormVolumes):
         return is_chosen
 
     def place_of(self, point: int) -> str:
-        """Say which point one is in each direction, from 1."""
+        """Describe a point by its number in each direction, from 1."""
         return str(tuple(int(i) + 1 for i in np.unravel_index(point, self.control_points.shape[:3])))
 
     @cached_property
     def mesh(self) -> BSplineMesh:
-        """The volume as a mesh, to which the evaluation and the inversion of fitted grids apply."""
+        """The volume as a mesh, for the evaluation and inversion of fitted grids."""
         ids = np.arange(len(self.points)).reshape(self.volume.n_control)
         return BSplineMesh((self.volume,), (ids,), len(self.points))
 
     @cached_property
     def _box(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Origin, and matrix from lengths to coordinates, where the lattice is a box, upright or oblique."""
+        """Origin, and matrix from lengths to coordinates, if the lattice is a box, upright or oblique."""
         points = self.control_points
         edges = np.array([points[-1, 0, 0], points[0, -1, 0], points[0, 0, -1]]) - points[0, 0, 0]
         places = greville_abscissae(self.volume)
@@ -314,7 +314,7 @@ class Lattice(FreeFormVolumes):
 def _bounds(
     across: np.ndarray, span: np.ndarray, slopes: Sequence[float] | np.ndarray, ends: np.ndarray, margin: float
 ) -> np.ndarray:
-    """Lower and upper side, straight along the span and of given slopes, between which all points are: (2, 2)."""
+    """Lower and upper side, straight along the span with given slopes, that enclose all points: (2, 2)."""
     low, high = (across - slope * span for slope in slopes)
     sides = np.array([low.min() + slopes[0] * ends, high.max() + slopes[1] * ends])
     width = sides[1] - sides[0]
@@ -322,7 +322,7 @@ def _bounds(
 
 
 def _thicknesses(local: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Heights of slices of a wing about places along its span (m)."""
+    """Heights (m) of slices of a wing at places along its span."""
     number = np.abs(local[:, 2:] - at).argmin(axis=1)
     found = np.array([np.ptp(local[number == k, 1]) if (number == k).any() else np.nan for k in range(len(at))])
     return np.interp(at, at[~np.isnan(found)], found[~np.isnan(found)])

@@ -24,20 +24,21 @@ from .selection import Selection
 __all__ = ["LatticeBlocks"]
 
 SHARED = 1e-6
-"""Points of blocks that are this near, relative to the diagonal of all, are one: files have seven digits or more."""
+"""Points of blocks this near to each other, relative to the overall diagonal, are one: files have seven digits or
+more."""
 
 
 @dataclass(frozen=True, eq=False)
 class LatticeBlocks(FreeFormVolumes):
-    """Lattices side by side, which share the points where they meet, and move together there.
+    """Adjacent lattices that share the points where they meet and move together there.
 
     Parameters
     ----------
     blocks : sequence of array_like, each of shape (n0, n1, n2, 3)
-        Points of each block on the baseline (m), two at least in each direction. Points at one place are one point, and
-        those that are off by rounding their mean.
+        Points of each block on the baseline (m), at least two in each direction. Coincident points become one point,
+        their mean if they differ by rounding.
     orders : int or sequence of three int, optional
-        As for `Lattice`, of all blocks.
+        As for `Lattice`, for all blocks.
     parent, moves, continuity
         As for `Lattice`.
 
@@ -74,7 +75,7 @@ class LatticeBlocks(FreeFormVolumes):
 
     @cached_property
     def _numbers(self) -> np.ndarray:
-        """Number of each point of the blocks, one after the other; those at one place have one number."""
+        """Number of each point of all blocks in order; coincident points share a number."""
         stacked = np.concatenate([block.reshape(-1, 3) for block in self.blocks])
         n, near = len(stacked), SHARED * float(np.linalg.norm(np.ptp(stacked, axis=0)))
         pairs = cKDTree(stacked).query_pairs(near, output_type="ndarray")
@@ -99,7 +100,7 @@ class LatticeBlocks(FreeFormVolumes):
         return BSplineMesh(volumes, ids, int(self._numbers.max()) + 1)
 
     def chosen(self, where: Any) -> np.ndarray:
-        """Whether each point is chosen: by a mask of all, or in the blocks that a mapping gives an index expression."""
+        """Whether each point is chosen: by a mask of all, or by a mapping of blocks to index expressions."""
         is_chosen = np.zeros(len(self.points), dtype=bool)
         if not isinstance(where, Mapping):
             is_chosen[where] = True
@@ -111,7 +112,7 @@ class LatticeBlocks(FreeFormVolumes):
         return is_chosen
 
     def place_of(self, point: int) -> str:
-        """Say which block a point is in, and which of its points it is, from 1."""
+        """Describe a point by its block and its number there, from 1."""
         for number, ids in enumerate(self.mesh.control_ids, 1):
             found = np.argwhere(ids == point)
             if len(found):

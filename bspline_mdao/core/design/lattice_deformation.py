@@ -1,4 +1,4 @@
-"""Deformations by a lattice whose points have moved: what a free-form box does to what is in it.
+"""Deformations by a lattice whose points have moved: a free-form box moves what is in it.
 
 Theory: ``docs/theory/deformations.rst``.
 """
@@ -21,7 +21,7 @@ __all__ = ["LatticeDeformation", "moved_lattice"]
 
 @dataclass(frozen=True, eq=False)
 class LatticeDeformation(OneLine):
-    """Move points by ``amount`` times what the points of a lattice move by."""
+    """Move points by ``amount`` times the displacement of a lattice."""
 
     lattice: FreeFormVolumes  # on the baseline
     displacement: np.ndarray  # (n, 3), of its points (m)
@@ -38,7 +38,7 @@ class LatticeDeformation(OneLine):
                 f"{found.distance[outside].max():.3g} m, the first at {place}; make the lattice larger, or deform less "
                 f"of the surface (--design)"
             )
-        mesh, moved = self.lattice.mesh, points + 0.0 * self.amount  # complex where one of them is
+        mesh, moved = self.lattice.mesh, points + 0.0 * self.amount  # complex if one of them is
         nets, changes = mesh.nets(self.lattice.points), mesh.nets(self.displacement)
         for number, volume in enumerate(mesh.volumes):
             rows = np.flatnonzero(found.volume == number)
@@ -55,7 +55,7 @@ class LatticeDeformation(OneLine):
 
 
 def moved_lattice(before: str | os.PathLike, after: str | os.PathLike) -> LatticeDeformation:
-    """Deform as a lattice in one file became that in another one, such as a box of pyGeo before and after a design."""
+    """Deform as a lattice did from one file to another, such as a pyGeo box before and after a design."""
     lattice, moved = read_lattice(before), read_lattice(after)
     if lattice.counts != moved.counts or lattice.points.shape != moved.points.shape:
         raise InputError(

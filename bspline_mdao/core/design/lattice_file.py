@@ -1,4 +1,4 @@
-"""Lattices from a user's own files: free-form boxes (FFD) of pyGeo and DAFoam, and those in mesh files of SU2.
+"""Lattices from a user's files: free-form (FFD) boxes of pyGeo and DAFoam, and boxes in SU2 mesh files.
 
 Theory: ``docs/theory/free_form.rst``.
 """
@@ -21,30 +21,30 @@ __all__ = ["read_lattice"]
 def read_lattice(path: str | os.PathLike, box: str | None = None, **options: Any) -> Lattice | LatticeBlocks:
     """Read a lattice from a file of free-form boxes.
 
-    Two kinds of files are known. A PLOT3D grid (``.xyz``, ``.fmt`` and others, text or binary) holds the points of one
-    block or several, as those of pyGeo and DAFoam do: B-splines of order 4, or of as many as there are points where
-    these are less, with evenly spaced knots; points that blocks share move together. A mesh of SU2 (``.su2``) holds
-    boxes by name, Bezier volumes or B-splines as the file says.
+    Two kinds of files are supported. A PLOT3D grid (``.xyz``, ``.fmt`` and others, text or binary) contains the points
+    of one block or several, as in pyGeo and DAFoam: B-splines of order 4, or of the number of points if that is less,
+    with evenly spaced knots; points shared by blocks move together. An SU2 mesh (``.su2``) contains named boxes, Bezier
+    volumes or B-splines as the file says.
 
     Parameters
     ----------
     path : path-like
         The file.
     box : str, optional
-        Name of the box (``FFD_TAG``) of a file of SU2 that has several.
+        Name of the box (``FFD_TAG``) in an SU2 file with several.
     **options
-        ``parent``, ``moves`` and ``continuity`` of `Lattice`; a box of pyGeo's ``addChild`` has the other's lattice for
-        its parent.
+        ``parent``, ``moves`` and ``continuity`` of `Lattice`; for a box of pyGeo's ``addChild`` the parent is the other
+        box's lattice.
 
     Returns
     -------
     Lattice or LatticeBlocks
-        What `FreeForm` takes: one volume, or several.
+        Argument for `FreeForm`: one volume, or several.
 
     Raises
     ------
     InputError
-        If the file cannot be read, has no such box, or does not make a lattice.
+        If the file cannot be read, has no such box, or does not form a lattice.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def read_lattice(path: str | os.PathLike, box: str | None = None, **options: Any
 
 
 def _choose(boxes: tuple[FfdBox, ...], name: str | None, source: str) -> FfdBox:
-    """Return the box of a name, or the only one."""
+    """Return the named box, or the only one."""
     names = ", ".join(box.name for box in boxes)
     if not boxes:
         raise InputError(f"{source}: has no FFD boxes; give a mesh with boxes, or a PLOT3D grid of their points")

@@ -1,4 +1,4 @@
-"""Equations that count: of more equations than there are unknowns, the combinations that are not nearly empty.
+"""Significant equations: from more equations than unknowns, the combinations that are not nearly empty.
 
 Theory: ``docs/theory/linear_constraints.rst``.
 
@@ -18,23 +18,23 @@ from scipy.sparse.csgraph import connected_components
 __all__ = ["leading_equations"]
 
 ZERO = 1e-14
-"""Coefficients below this part of the largest are round-off."""
+"""Coefficients below this fraction of the largest are round-off."""
 
 
 def leading_equations(
-    matrix: csr_array,  # (m, n), Equations
-    # the part of the largest singular value below which an equation says nothing; the largest of those that hang
-    # together counts
+    matrix: csr_array,  # (m, n), equations
+    # fraction of the largest singular value below which an equation is negligible; connected equations use their
+    # largest
     least: np.ndarray,  # (m,)
-    wish: np.ndarray,  # (n,), how much each unknown should rather follow than others: its factor in the choice
+    wish: np.ndarray,  # (n,), how much each unknown is preferred as dependent: its factor in the choice
 ) -> tuple[csr_array, np.ndarray]:
-    """Replace many equations by those right singular vectors that are not small."""
-    # Equations that share no unknown are looked at apart.
-    # 1. Singular vectors whose singular values are above a part of the largest are kept: on all unknowns of length one
-    #    that satisfy these, the others are off by no more than that part of the largest.
-    # 2. As many unknowns follow from the others: independent columns, those first that should.
+    """Replace many equations by the right singular vectors that are not small."""
+    # Equations that share no unknown are treated separately. 1. Singular vectors whose singular values are above a
+    # fraction of the largest are kept: for all unit vectors of unknowns that satisfy these, the error of the others is
+    # at most that fraction of the largest. 2. As many unknowns become dependent: independent columns, preferred ones
+    # first.
     # 3. The equations are solved for them.
-    # returns matrix (rank, n): Equations with one unknown of their own each, whose coefficient is one
+    # returns matrix (rank, n): equations with one unknown of their own each, whose coefficient is one
     # returns own int (rank,): these unknowns
     n = matrix.shape[1]
     joint = block_array([[None, matrix], [matrix.T, None]], format="csr")
@@ -51,7 +51,7 @@ def leading_equations(
 
 
 def _of_part(matrix: np.ndarray, least: float, wish: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Do steps 1 to 3 for equations that hang together."""
+    """Do steps 1 to 3 for connected equations."""
     _, singular, vectors = svd(matrix, full_matrices=False)
     kept = vectors[singular > least * singular[0]]  # step 1
     _, _, order = qr(kept * wish, mode="economic", pivoting=True)  # step 2

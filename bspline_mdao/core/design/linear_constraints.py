@@ -1,7 +1,7 @@
 """Linear constraints among surface control points: pinned, in a plane, linked, opposite, mirrored.
 
 Each gives homogeneous equations on the displacements of the points; `bspline_mdao.core.design.elimination` solves them.
-Of two points that move alike one is the *leader*, the *follower* depends on it. Theory:
+Of two points that move equally one is the *leader*, and the *follower* depends on it. Theory:
 ``docs/theory/linear_constraints.rst``.
 """
 
@@ -48,7 +48,7 @@ class Pinned(OneLine):
     where : Selection or array_like of int
         The points; numbers are rows of ``mesh.surface_ids``.
     directions : str, array_like or None
-        In which they do not move: some of ``"xyz"``, a vector, shape (3,), or several; in none at all by default.
+        Directions in which they do not move: some of ``"xyz"``, a vector, shape (3,), or several; all by default.
     name : str
         For messages.
 
@@ -84,8 +84,8 @@ class InPlane(OneLine):
     where : Selection or array_like of int
         The points; numbers are rows of ``mesh.surface_ids``.
     normal : array_like, shape (3,), or None
-        Normal of the planes that the points stay in, which may be one for each point; by default that of the one
-        plane in which all of them are.
+        Normal of the planes that the points stay in, possibly one for each point; by default the normal of the one
+        plane that contains them all.
     name : str
         For messages.
 
@@ -136,15 +136,15 @@ class InPlane(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Linked(OneLine):
-    """Points that move like others, such as the lower points of a trailing edge like its upper ones.
+    """Points that move like others, such as the lower points of a trailing edge with its upper ones.
 
     Parameters
     ----------
     leaders, followers : Selection or array_like of int
         Pairs: numbers (rows of ``mesh.surface_ids``) in their order, selections by the least sum of squared distances
-        on the baseline. One leader is that of all followers.
+        on the baseline. A single leader leads all followers.
     directions : str, array_like or None
-        In which they move alike: some of ``"xyz"``, a vector, shape (3,), or several; all by default.
+        Directions in which they move equally: some of ``"xyz"``, a vector, shape (3,), or several; all by default.
     name : str
         For messages.
 
@@ -184,7 +184,7 @@ class Opposite(OneLine):
     leaders, followers : Selection or array_like of int
         Pairs, as in `Linked`.
     directions : str, array_like or None
-        In which they move oppositely: some of ``"xyz"``, a vector, shape (3,), or several; all by default.
+        Directions in which they move oppositely: some of ``"xyz"``, a vector, shape (3,), or several; all by default.
     name : str
         For messages.
 
@@ -217,10 +217,10 @@ class Opposite(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class EqualDisplacement:
-    """Points that all have the same displacement, that of the first."""
+    """Points that all have the same displacement as the first."""
 
     where: Where  # the points; numbers are rows of ``mesh.surface_ids``
-    # in which they move alike: some of ``"xyz"``, a vector, shape (3,), or several; all by default
+    # directions in which they move equally: some of ``"xyz"``, a vector, shape (3,), or several; all by default
     directions: ConstrainedDirections = None
     name: str = "equal displacement"  # for messages
 
@@ -247,11 +247,11 @@ class Mirrored(OneLine):
     point : array_like, shape (3,)
         A point of the plane (m).
     leaders : Selection, array_like of int or None
-        By default all points on the plane and on the side that the normal points to.
+        By default all points on the plane and on the side of the normal.
     followers : Selection, array_like of int or None
-        Points among which each leader has its partner; by default all surface control points.
+        Points that contain the partner of each leader; by default all surface control points.
     tolerance : float
-        Largest distance of a partner from the mirrored place of its leader, relative to the size of the mesh.
+        Largest distance of a partner from the mirror image of its leader, relative to the size of the mesh.
     name : str
         For messages.
 
@@ -313,7 +313,7 @@ class Mirrored(OneLine):
     def _partners(
         self, mesh: MovingMesh, tree: cKDTree, mirrored: np.ndarray, leaders: np.ndarray, near: float
     ) -> np.ndarray:
-        """Number of the one point of the tree at each mirrored place."""
+        """Number of the single point of the tree at each mirrored place."""
         counts = tree.query_ball_point(mirrored, near, return_length=True)
         gaps, partners = tree.query(mirrored)
         for leader, count, gap in zip(leaders[counts != 1], counts[counts != 1], gaps[counts != 1]):
@@ -332,7 +332,7 @@ def _rows(where: Where, mesh: MovingMesh, name: str) -> np.ndarray:
 
 
 def axes_of(directions: ConstrainedDirections, name: str) -> np.ndarray:
-    """Rows of directions, shape (n, 3), scaled to length one where they are not along coordinates."""
+    """Rows of directions, shape (n, 3), scaled to unit length unless they are along coordinates."""
     if directions is None or isinstance(directions, str):
         letters = "xyz" if directions is None else directions
         if not letters or set(letters) - set("xyz"):
@@ -347,8 +347,8 @@ def axes_of(directions: ConstrainedDirections, name: str) -> np.ndarray:
 
 def pairs_of(leaders: Where, followers: Where, mesh: MovingMesh, points: np.ndarray, name: str) -> np.ndarray:
     """Pairs (leader, follower) of rows, shape (n, 2)."""
-    # One leader is that of all followers. Numbers are paired in their order; selections so that the sum of squared
-    # distances on the baseline is least, which a shift of one side as a whole does not change.
+    # A single leader leads all followers. Numbers are paired in their order; selections such that the sum of squared
+    # distances on the baseline is least, which does not change if one whole side is shifted.
     first, second = (_rows(where, mesh, name) for where in (leaders, followers))
     if len(first) == 1:
         return np.column_stack([np.repeat(first, len(second)), second])

@@ -1,7 +1,7 @@
-"""Shape control in unsteady flow, section II.E: grids and exact grid velocities of a surface that moves in time.
+"""Shape control in unsteady flow, section II.E: grids and exact grid velocities for a surface that moves in time.
 
 A motion is a function of time and of the surface points at rest. It gives the surface points and their velocities; the
-mover and the map of the model take both to the grid: x = x(b(s(t))), dx/dt = (dx/db) (db/ds) ds/dt. Theory:
+mover and the model's map carry both to the grid: x = x(b(s(t))), dx/dt = (dx/db) (db/ds) ds/dt. Theory:
 ``docs/theory/unsteady.rst``.
 """
 
@@ -25,15 +25,16 @@ from .deformation import Bend, Deformation, Pitch, PointMap, amount_jvp, jvp
 __all__ = ["GridState", "Motion", "Oscillation", "SurfaceMotion", "UnsteadyGrid", "flapping", "pitching"]
 
 Motion = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Surface points (m) and their velocities (m/s), each of shape (n_surface, 3), at a time (s), of those at rest."""
+"""Surface points (m) and their velocities (m/s), each of shape (n_surface, 3), from a time (s) and the points at
+rest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Oscillation:
-    """A deformation whose amount goes as a sine in time."""
+    """A deformation whose amount is sinusoidal in time."""
 
     point_map: PointMap  # the deformation; its own amount does not count
-    amplitude: float  # largest departure from the mean, in the unit of the amount: rad for angles
+    amplitude: float  # amplitude about the mean, in the unit of the amount: rad for angles
     frequency: float  # periods per second (1/s)
     mean: float = 0.0  # mean amount
     phase: float = 0.0  # phase at time 0 (rad)
@@ -52,14 +53,14 @@ class Oscillation:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMotion(OneLine):
-    """Oscillations of the surface of a mesh, one on top of the other."""
+    """Superposed oscillations of the surface of a mesh."""
 
     mesh: MovingMesh  # the control mesh whose surface moves
-    oscillations: tuple[Oscillation, ...]  # done one after the other
+    oscillations: tuple[Oscillation, ...]  # applied one after the other
 
     def __call__(self, time: float, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Give surface points (m) and velocities (m/s), each (n_surface, 3), of surface points at rest."""
-        # `InputError` if a point leaves a plane of symmetry
+        """Return surface points (m) and velocities (m/s), each (n_surface, 3), from surface points at rest."""
+        # `InputError` if a point leaves a symmetry plane
         maps = tuple(oscillation.map_at(time) for oscillation in self.oscillations)
         deformation, points, velocities = Deformation(self.mesh, maps), surface, np.zeros_like(surface)
         for point_map, oscillation in zip(maps, self.oscillations):
@@ -82,7 +83,7 @@ def pitching(
     frequency : float
         Periods per second (1/s).
     at : float
-        Place of the axis between the upstream (0) and the downstream end (1) of the surface's box.
+        Position of the axis between the upstream (0) and downstream end (1) of the surface's box.
 
     Returns
     -------
@@ -104,7 +105,7 @@ def pitching(
 
 
 def flapping(mesh: MovingMesh, amplitude: float, frequency: float, mean: float = 0.0) -> SurfaceMotion:
-    """Bend the surface up and down along arcs of circles that start level at the root.
+    """Bend the surface up and down along circular arcs that start level at the root.
 
     Parameters
     ----------
@@ -137,7 +138,7 @@ def flapping(mesh: MovingMesh, amplitude: float, frequency: float, mean: float =
 
 @dataclass(frozen=True, eq=False)
 class GridState(OneLine):
-    """A grid that moves, at one time."""
+    """A moving grid at one time."""
 
     time: float  # time (s)
     # the grid (m) and its velocities (m/s)
@@ -153,16 +154,16 @@ class GridState(OneLine):
 class UnsteadyGrid(OneLine):
     """The grid of a model whose surface moves in time.
 
-    Every state is moved from the baseline, so that it depends on its time alone: a periodic motion has a periodic grid,
-    and states may be asked for in any order.
+    Every state is moved from the baseline, so it depends only on its time: a periodic motion has a periodic grid, and
+    states may be computed in any order.
 
     Parameters
     ----------
     model : FittedModel
         The fitted grid.
     mover : Mover
-        The mover of its control mesh. Give it a number of increments where the motion needs more than one at some
-        times: a mover that chooses the number takes more at these times alone, and the grid jumps in between.
+        The mover of its control mesh. Set its number of increments if the motion needs more than one at some times: a
+        mover that chooses the number takes more only at these times, and the grid jumps in between.
     motion : Motion
         Motion of the surface: a `SurfaceMotion` or any function of time and of the surface points at rest.
 
@@ -220,7 +221,7 @@ class UnsteadyGrid(OneLine):
 
     @cached_property
     def _map(self) -> ControlPointMap:
-        """Map to the grid, in which patches slide as those of the mover's mesh."""
+        """Map to the grid, with the sliding patches of the mover's mesh."""
         return self.model.map_sliding(self.mover.mesh.slides, self.model)
 
     @cached_property
@@ -229,6 +230,6 @@ class UnsteadyGrid(OneLine):
 
     @cached_property
     def _shared(self) -> dict:
-        """Options that the moves of all times share: the factor of the baseline, where the mover has one."""
+        """Options common to the moves at all times: the baseline's factor if the mover has one."""
         start = getattr(self._differentiable_mover, "start", None)
         return {} if start is None else {"start": start(self.model.control_points)}

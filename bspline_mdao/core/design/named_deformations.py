@@ -1,7 +1,7 @@
-"""Deformations by name, from words such as ``twist=30deg+bend=120deg@0.7`` or a file of points.
+"""Named deformations, from text such as ``twist=30deg+bend=120deg@0.7`` or a file of points.
 
-The command line and the studies of robustness ask for them. Words have the form ``name=value@place,key=value``; angles
-are in degrees there and in radians in the maps. Commas within brackets part nothing:
+They are used by the command line and the robustness studies. The text has the form ``name=value@place,key=value``;
+angles are in degrees there and in radians in the maps. Commas within brackets do not separate:
 ``rotate=25deg@hinge(0.7,0,0 -> 0.7,0,3),blend=0.05``. Theory: ``docs/theory/deformations.rst``.
 """
 
@@ -56,7 +56,7 @@ __all__ = [
 ]
 
 SUFFIXES = (".csv", ".dat", ".npy", ".txt")
-"""Suffixes of files of points, NumPy's own and text with three numbers a line, between commas or blanks."""
+"""Suffixes of files of points: NumPy's, and text with three numbers per line, separated by commas or blanks."""
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 """Pattern of a number in words."""
@@ -68,8 +68,8 @@ _STEEPEST = 1.5
 """Largest slope of the fading of a blend, times its length."""
 
 _INBOARD = 0.1
-"""Part of the span inboard of an arc from which on points count for the thickness of the surface on it, which may have
-no points of its own."""
+"""Fraction of the span inboard of an arc from which points count towards the surface thickness on it, which may have no
+points of its own."""
 
 
 class HasWallSpacing(Protocol):
@@ -80,28 +80,28 @@ class HasWallSpacing(Protocol):
 
 
 def parse_deformation(spec: str | Sequence[str], model: HasWallSpacing, mesh: MovingMesh) -> Deformation:
-    """Make the deformation that a text such as ``twist=5deg`` describes.
+    """Make a deformation from text such as ``twist=5deg``.
 
     Parameters
     ----------
     spec : str or sequence of str
-        Deformations joined by ``+``, done one after the other; several are joined as well. Each is a name out of
+        Deformations joined by ``+``, applied one after the other; a sequence is joined as well. Each is a name from
         `DEFORMATIONS` with its value, ``bend=120deg@0.7``, or a file of new surface points (``.csv``, ``.dat``,
         ``.npy``, ``.txt``) in the order of ``mesh.surface_ids``.
     model : FittedModel or MeshModel
-        The fitted grid or mesh, for lengths in cells: it has a ``wall_spacing()``.
+        The fitted grid or mesh, whose ``wall_spacing()`` gives lengths in cells.
     mesh : MovingMesh
         The control mesh of the model (`moving_mesh`), whose surface is deformed.
 
     Returns
     -------
     Deformation
-        Lengths, spans and directions are those of the surface as it is when the turn of each comes.
+        Lengths, spans and directions are measured on the surface as left by the preceding deformations.
 
     Raises
     ------
     InputError
-        If the words are not understood, or a file is not what it should be.
+        If the text is not understood, or a file is invalid.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def parse_deformation(spec: str | Sequence[str], model: HasWallSpacing, mesh: Mo
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """The surface as the deformations before one have left it, by which lengths and directions count."""
+    """The surface as left by earlier deformations, on which lengths and directions are measured."""
 
     model: Any
     mesh: MovingMesh
@@ -138,7 +138,7 @@ class _Surface:
         return surface_frame(self.points, self.planes)
 
     def part(self, patches: Sequence[str]) -> NearestPart:
-        """Patches by name or pattern, known by control points and by nodes."""
+        """Patches by name or pattern, represented by control points and nodes."""
         is_part = OnPatch(self.model, patches).mask(self.mesh)
         walls = SurfaceGrid.of(self.model)
         of_nodes = np.zeros(walls.n_points, dtype=bool)
@@ -149,17 +149,17 @@ class _Surface:
         return known.moved(lambda points: reduce(lambda at, point_map: point_map.apply(at), self.before, points))
 
     def line(self, chord: float, span: tuple[float, float]) -> np.ndarray:
-        """Points at a part of the chord and at two parts of the span, shape (2, 3); angles turn the rear down."""
+        """Points at a chord fraction and two span fractions, shape (2, 3); positive angles rotate the rear down."""
         points = self.mesh.points.copy()
         points[self.mesh.surface_ids] = self.points
         return Hinge.on_chord(replace(self.mesh, points=points), chord, span).points
 
 
 def read_points(
-    # ``.npy``: shape (n, 3), or (3 n,) with xyz interleaved. ``.csv``, ``.dat``, ``.txt``: three numbers a line, commas
-    # or blanks between them; a heading and lines that begin with ``#`` are passed over
+    # ``.npy``: shape (n, 3), or (3 n,) with xyz interleaved. ``.csv``, ``.dat``, ``.txt``: three numbers per line,
+    # separated by commas or blanks; a heading and lines that begin with ``#`` are skipped
     path: Path,  # path-like
-    n_points: int,  # number of points that there should be
+    n_points: int,  # expected number of points
 ) -> np.ndarray:  # (n_points, 3)
     """Read points from a file."""
     path = Path(path)
@@ -205,17 +205,17 @@ def _is_numeric(words: Sequence[str]) -> bool:
 
 @dataclass(frozen=True)
 class Request:
-    """One deformation as it was asked for."""
+    """One deformation as requested."""
 
-    text: str  # the words, for messages
+    text: str  # the text, for messages
     # name of the deformation, and its amount
     name: str
     value: str
-    at: str | None  # place: the text that follows an ``@``
+    at: str | None  # place: the text after an ``@``
     options: dict[str, str]  # further values by name
 
     def fail(self, reason: str) -> InputError:
-        """Error that names these words."""
+        """Error that quotes this text."""
         return InputError(f"deformation '{self.text}': {reason}")
 
     def only(self, *keys: str) -> None:
@@ -228,14 +228,14 @@ class Request:
     def number(
         self, key: str | None = None, default: float = math.nan, low: float = -math.inf, high: float = math.inf
     ) -> float:
-        """Read a number, the value itself or an option (``"@"``: the place), between bounds, both excluded."""
+        """Read a number, the value itself or an option (``"@"``: the place), between exclusive bounds."""
         text = self.value if key is None else self.at if key == "@" else self.options.get(key)
         if text is None:
             return default
         return self._between(self._match(text, f"({_NUMBER})", "a number"), low, high)
 
     def angle(self, limit: float = 360.0) -> float:
-        """Read the value as an angle below a limit (deg); in radians. Degrees are understood without a unit."""
+        """Read the value as an angle below a limit (deg); returned in radians. The default unit is degrees."""
         text = self.value.removesuffix("deg")
         if text.endswith("rad"):
             degrees = math.degrees(self._match(text, f"({_NUMBER})rad", "an angle such as 30deg"))
@@ -256,7 +256,7 @@ class Request:
             raise self.fail(str(error).replace("hinge:", f"{word}:")) from None
 
     def between(self, key: str, default: tuple[float, float]) -> tuple[float, float]:
-        """Read an option as two rising parts from 0 to 1, ``0.6:0.9``."""
+        """Read an option as two ascending fractions from 0 to 1, ``0.6:0.9``."""
         text = self.options.get(key)
         if text is None:
             return default
@@ -287,14 +287,14 @@ class Request:
 
 
 def parse_requests(text: str) -> list[Request]:
-    """Take deformations joined by ``+`` apart.
+    """Split deformations joined by ``+``.
 
     Examples
     --------
     >>> [(request.name, request.value, request.at) for request in parse_requests("stretch=2+bend=120deg@0.7")]
     [('stretch', '2', None), ('bend', '120deg', '0.7')]
     """
-    # `InputError` if the words are not of the form ``name=value``
+    # `InputError` if the text is not of the form ``name=value``
     return [_parse(part.strip()) for part in re.split(r"\+(?=\s*[a-z])", text)]
 
 
@@ -325,7 +325,7 @@ def _make(request: Request | Path, surface: _Surface) -> PointMap:
 
 
 def _by_angle(make: Callable[..., PointMap], limit: float = 360.0) -> Callable[[Request, _Surface], PointMap]:
-    """Deformation by an angle alone."""
+    """Deformation with an angle as its only value."""
 
     def build(request: Request, surface: _Surface) -> PointMap:
         request.only()
@@ -335,7 +335,7 @@ def _by_angle(make: Callable[..., PointMap], limit: float = 360.0) -> Callable[[
 
 
 def _by_factor(make: Callable[..., PointMap]) -> Callable[[Request, _Surface], PointMap]:
-    """Deformation by a positive factor alone."""
+    """Deformation with a positive factor as its only value."""
 
     def build(request: Request, surface: _Surface) -> PointMap:
         request.only()
@@ -405,7 +405,7 @@ def _axial(request: Request, surface: _Surface) -> StretchAlong:
 
 
 def _line(request: Request, surface: _Surface) -> np.ndarray:
-    """The hinge at a part of the chord."""
+    """The hinge at a fraction of the chord."""
     match = re.fullmatch(rf"chord\s+({_NUMBER})", request.at or "")
     if match is None or not 0.0 <= float(match[1]) <= 1.0:
         raise request.fail(f"'{request.at}' is no part of the chord from 0 to 1; write for example @chord 0.7")
@@ -413,7 +413,7 @@ def _line(request: Request, surface: _Surface) -> np.ndarray:
 
 
 def _require_room(request: Request, rotate: Rotate, behind: BehindHinge, surface: _Surface) -> None:
-    """Refuse a blend within which the surface folds: areas there change by ``1 - angle slope height``."""
+    """Refuse a blend in which the surface folds: areas change there by the factor ``1 - angle slope height``."""
     edges = edges_of_quads(surface_quads(surface.mesh))
     on_line = cut_edges(edges, behind.ahead(surface.points)).at(surface.points)
     points = np.concatenate([surface.points, on_line])
@@ -477,4 +477,4 @@ DEFORMATIONS = {
     "ffd": _lattice,
     "cad": _cad,
 }
-"""Deformations by name, each made of a request and a surface."""
+"""Deformations by name, each made from a request and a surface."""

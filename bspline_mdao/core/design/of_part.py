@@ -1,4 +1,4 @@
-"""A design variable that moves a part of the design surface alone: a flap, a nacelle, one of several wings.
+"""A design variable that moves only a part of the design surface: a flap, a nacelle, one of several wings.
 
 Theory: ``docs/theory/parametrization.rst``, "Parts".
 """
@@ -20,17 +20,17 @@ __all__ = ["OfPart"]
 
 @dataclass(frozen=True, eq=False)
 class OfPart(OneLine):
-    """A design variable of a part of the design surface; the rest stays, except for shared points.
+    """A design variable for a part of the design surface; the rest stays, except for shared points.
 
-    Sections, chords and the box of the variable are those of the part, as if that were the whole surface: give it an
-    axis or a lattice of the part. Both move along with the part and with the variables of the whole surface.
+    The variable uses sections, chords and box of the part, as if it were the whole surface: give it an axis or a
+    lattice of the part. Both move with the part and with the variables of the whole surface.
 
     Parameters
     ----------
     variable : Variable
         A design variable such as `Twist`, with the axis or the lattice of the part.
     part : MovingMesh
-        The control mesh with the part alone as its design surface: ``wing.part("flap*").mesh``, or
+        The control mesh with only the part as its design surface: ``wing.part("flap*").mesh``, or
         ``moving_mesh(model, "flap*")``.
 
     Examples
@@ -64,12 +64,12 @@ class OfPart(OneLine):
 
     @property
     def auxiliary(self) -> tuple[AuxiliaryPoints, ...]:
-        """The axes and lattices that the variable works with."""
+        """The axes and lattices used by the variable."""
         return self.variable.auxiliary
 
     def bind(self, layout: Layout) -> DesignMap:
-        """Decide what depends on the baseline alone. `InputError` if the part is none of the surface."""
-        # what a part's own mesh fixes does not matter: the elimination is that of the whole surface
+        """Compute what depends only on the baseline. `InputError` if the part is not on the surface."""
+        # what a part's own mesh fixes does not matter: the elimination covers the whole surface
         if self.part.n_points != layout.mesh.n_points:
             raise InputError(
                 f"part of variable '{self.name}': its mesh has {self.part.n_points} points and that of the design "
@@ -88,10 +88,10 @@ class OfPart(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class _PartMap:
-    """A variable that is bound to some of the rows, see `bspline_mdao.core.design.variable.DesignMap`."""
+    """A variable bound to some of the rows, see `bspline_mdao.core.design.variable.DesignMap`."""
 
     part: DesignMap
-    rows: np.ndarray  # int, rows of all that are those of the part, in its order
+    rows: np.ndarray  # int, rows of the part among all rows, in the part's order
 
     @property
     def initial(self) -> np.ndarray:
@@ -99,7 +99,7 @@ class _PartMap:
         return self.part.initial
 
     def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Move the rows of the part, of all rows, shape (n_rows, 3), in metres."""
+        """Move the rows of the part, given all rows, shape (n_rows, 3), in metres."""
         moved = self.part.apply(points[self.rows], values)
         all_rows = points.astype(moved.dtype)
         all_rows[self.rows] = moved

@@ -1,4 +1,4 @@
-"""Surface control points from design variables: maps one after the other, then the linear constraints.
+"""Surface control points from design variables: successive maps, then the linear constraints.
 
 With the maps ``M_k`` in the declared order and the elimination E of the constraints, surface control points s become
 ``s + E (M_n(... M_1(s, v_1) ..., v_n) - s)``. All derivatives are products of sparse matrices of constant pattern.
@@ -38,7 +38,7 @@ class SurfacePartials(OneLine):
 
     initial: csr_array  # (3 n_surface, 3 n_surface), with respect to the surface control points of the baseline
     values: dict[str, csr_array]  # each (3 n_surface, n_values), with respect to the values of each variable
-    # the same of the points of hinges that have names, with 6 rows
+    # the same for the points of named hinges, with 6 rows
     hinges: dict[str, SurfacePartials] = field(default_factory=dict)
 
 
@@ -49,18 +49,18 @@ class Parametrization(OneLine):
     Parameters
     ----------
     mesh : MovingMesh
-        The control mesh whose surface is designed.
+        The control mesh with the design surface.
     variables : sequence of Variable
         Applied in this order.
     constraints : sequence of LinearConstraint
         Handled by elimination. The symmetry planes of the mesh are always kept.
     junction : Junction, optional
-        Where a wing slides on a body: done after the variables, but for those that the junction names as the body's.
+        Where a wing slides on a body: applied after the variables, except the ones the junction names as the body's.
 
     Raises
     ------
     InputError
-        If two variables have one name or one that is taken, a variable does not fit the surface, a constraint cannot be
+        If a variable's name occurs twice or is taken, a variable does not fit the surface, a constraint cannot be
         satisfied, or the constraints leave a value of a variable without effect.
 
     Examples
@@ -112,7 +112,7 @@ class Parametrization(OneLine):
 
     @cached_property
     def layout(self) -> Layout:
-        """The rows that the variables move."""
+        """The rows moved by the variables."""
         auxiliary: list[AuxiliaryPoints] = []
         for item in (item for variable in self.variables for item in variable.auxiliary):
             if not any(item is other for other in auxiliary):
@@ -126,7 +126,7 @@ class Parametrization(OneLine):
 
     @cached_property
     def hinges(self) -> dict[str, slice]:
-        """Rows of the points of hinges that have names."""
+        """Rows of the points of named hinges."""
         return {hinge.name: self.layout.rows(hinge) for hinge in self._named}
 
     @cached_property
@@ -141,7 +141,7 @@ class Parametrization(OneLine):
 
     @cached_property
     def _steps(self) -> tuple[tuple[str, DesignMap], ...]:
-        """Maps in the order in which they are done, by the names of their variables; that of the junction has none."""
+        """Maps in order of application, by the names of their variables; the junction's map has none."""
         sliding = self._sliding
         if sliding is None:
             return tuple(self.maps.items())
@@ -176,14 +176,14 @@ class Parametrization(OneLine):
         Parameters
         ----------
         initial : ndarray, shape (n_surface, 3)
-            Those of the baseline (m); real or complex.
+            Baseline surface control points (m); real or complex.
         values : mapping of ndarray
             Values of every variable by name.
 
         Returns
         -------
         ndarray, shape (n_surface, 3)
-            Moved ones (m).
+            Moved surface control points (m).
 
         Raises
         ------
@@ -195,7 +195,7 @@ class Parametrization(OneLine):
         return initial + (self._matrix @ displacement.reshape(-1)).reshape(-1, 3)
 
     def hinge_points(self, initial: np.ndarray, values: Values) -> dict[str, np.ndarray]:
-        """Move the hinges that have names.
+        """Move the named hinges.
 
         Parameters
         ----------
@@ -216,7 +216,7 @@ class Parametrization(OneLine):
         return {name: rows[of_hinge] for name, of_hinge in self.hinges.items()}
 
     def _moved(self, initial: np.ndarray, values: Values) -> np.ndarray:
-        """Move all rows by the variables, and what slides."""
+        """Move all rows by the variables and the junction."""
         initial, values = self._checked(initial, values)
         rows = self._rows(initial)
         for name, design_map in self._steps:
@@ -224,16 +224,16 @@ class Parametrization(OneLine):
         return rows
 
     def extremes(self, bounds: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> Iterator[np.ndarray]:
-        """Move the baseline to the most extreme designs, as `increments_for` wants them.
+        """Move the baseline to the most extreme designs, for `increments_for`.
 
-        All values of one variable are at their lower bounds, or at their upper ones, while nothing else moves, for each
-        variable in turn; then so are those of all variables together.
+        For each variable in turn, all its values are at their lower bounds, or at their upper ones, while nothing else
+        moves; then all variables together are.
 
         Parameters
         ----------
         bounds : mapping of (array_like, array_like)
-            Lower and upper bound of variables by name, in the variable's units: a number, or one for each value. A
-            variable that is left out does not move.
+            Lower and upper bound of variables by name, in the variable's units: one number, or one for each value. An
+            omitted variable does not move.
 
         Yields
         ------
@@ -243,7 +243,7 @@ class Parametrization(OneLine):
         Raises
         ------
         InputError
-            If there is no such variable, or bounds do not fit its values.
+            If there is no such variable, or bounds do not match its values.
 
         Examples
         --------
@@ -264,7 +264,7 @@ class Parametrization(OneLine):
                 yield self.apply(surface, {**self.initial, **at_bounds})
 
     def _at_bound(self, name: str, bound: ArrayLike) -> np.ndarray:
-        """Values of a variable at a bound, which may be one number for all."""
+        """Values of a variable at a bound, possibly one number for all."""
         if name not in self.initial:
             raise InputError(f"parametrization: no variable is called '{name}'; there are {', '.join(self.maps)}")
         values, shape = np.asarray(bound, dtype=float), self.initial[name].shape
@@ -285,7 +285,7 @@ class Parametrization(OneLine):
         Returns
         -------
         SurfacePartials
-            Within `pattern`.
+            Derivatives within `pattern`.
 
         Raises
         ------
@@ -322,7 +322,7 @@ class Parametrization(OneLine):
         return np.concatenate([surface, self.layout.points[self.layout.n_surface :]])
 
     def _partials(self, surface: np.ndarray, values: Mapping[str, np.ndarray]) -> Iterator[MapPartials]:
-        """Derivatives of every map where its turn comes."""
+        """Derivatives of every map at its point in the chain."""
         rows = self._rows(surface)
         for name, design_map in self._steps:
             amounts = values.get(name, design_map.initial)
@@ -330,7 +330,7 @@ class Parametrization(OneLine):
             rows = design_map.apply(rows, amounts)
 
     def _chain(self, steps: Iterable[MapPartials], matrix: csr_array, rest: csr_array) -> SurfacePartials:
-        """Multiply the derivatives of all maps and of the elimination; ``rest`` is what it takes off the identity."""
+        """Multiply the derivatives of all maps and of the elimination; ``rest`` is the identity minus the latter."""
         n = 3 * self.layout.n_surface
         zeros = csr_array((3 * len(self.layout.points) - n, n))  # auxiliary points do not depend on the surface
         initial = vstack([self._identity, zeros], format="csr")
@@ -359,7 +359,7 @@ class Parametrization(OneLine):
                 raise InputError(f"parametrization: {idle}{more}; select and direct it so as to leave them out")
 
     def _what_fixes(self, name: str, value: int) -> str:
-        """The constraint that takes its effect from a value; empty where it never had one."""
+        """The constraint that removes the effect of a value; empty if it never had one."""
         partials = self.maps[name].partials(self.layout.points, self.maps[name].initial)
         coordinates = partials.values.tocsc()[:, [value]].indices
         on_surface = coordinates[coordinates < 3 * self.layout.n_surface]

@@ -1,9 +1,9 @@
 """Planform and section variables along a reference axis.
 
-Each works about the axis as the variables before it have left it, so that they can be given in any order. The usual one
-is from the section outwards: thickness and camber, chord and taper, twist, then span, sweep and dihedral. All but
-`Camber` are maps of two kinds: `SectionMap` multiplies sections in their planes, `ShiftMap` shifts them as wholes, by
-the formulas of `section_maps`. Theory: ``docs/theory/parametrization.rst``.
+Each acts about the axis as moved by the variables before it, so they can be given in any order. The usual order is from
+the section outwards: thickness and camber, chord and taper, twist, then span, sweep and dihedral. All but `Camber` are
+maps of two kinds: `SectionMap` multiplies sections in their planes, `ShiftMap` shifts whole sections, by the formulas
+of `section_maps`. Theory: ``docs/theory/parametrization.rst``.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class AlongAxis(OneLine, ABC):
     units: ClassVar[str | None] = None
 
     name: str  # name of the input of `SurfaceControl`
-    axis: ReferenceAxis  # the axis about which it works
-    # lattice that is moved instead of all rows; what it embeds follows
+    axis: ReferenceAxis  # the axis about which it acts
+    # lattice moved instead of all rows; everything embedded follows
     on: Lattice | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -58,7 +58,7 @@ class AlongAxis(OneLine, ABC):
         return (self.axis,) if self.on is None else (self.axis, *self.on.auxiliary)
 
     def bind(self, layout: Layout) -> DesignMap:
-        """Decide stations and directions on the baseline."""
+        """Compute stations and directions on the baseline."""
         design_map = self._bind(self.axis.attach(layout))
         return design_map if self.on is None else self.on.extend(layout, design_map)
 
@@ -69,15 +69,15 @@ class AlongAxis(OneLine, ABC):
 
 @dataclass(frozen=True, eq=False)
 class AtStations(AlongAxis):
-    """A variable with a value at each of several stations along a reference axis, see `StationSpline`.
+    """A variable with a value at each station along a reference axis, see `StationSpline`.
 
     Parameters
     ----------
     name, axis, on
         See `AlongAxis`.
     stations : int or sequence of float
-        Their number, evenly from the first (0) to the last point of the axis (1), or where they are. One is a value for
-        all.
+        Their number, evenly from the first (0) to the last point of the axis (1), or their positions. A single station
+        is a value for all.
     order : int
         Order of the spline between them: 2 linear, 4 cubic.
     """
@@ -96,7 +96,7 @@ class AtStations(AlongAxis):
 class _InSections(AtStations):
     """A variable that multiplies sections, in their planes about the axis, by a matrix."""
 
-    unit: ClassVar[float] = 1.0  # that values are in, in that of `_matrices`
+    unit: ClassVar[float] = 1.0  # unit of the values, in units of `_matrices`
 
     def _bind(self, attached: AttachedRows) -> SectionMap:
         along, spline = (attached.weights, attached.axis_rows), self.spline.matrix(attached.stations)
@@ -107,7 +107,7 @@ class _InSections(AtStations):
 
     @abstractmethod
     def _matrices(self, amounts: np.ndarray, /) -> np.ndarray:
-        """Matrices, shape (n, 2, 2), of the values at sections, shape (n,), times the unit."""
+        """Matrices, shape (n, 2, 2), from the values at sections, shape (n,), times the unit."""
 
 
 class Twist(_InSections):
@@ -118,14 +118,14 @@ class Twist(_InSections):
     name : str
         Name of the design variable, an input of `GridMovement` of shape (n_stations,), in degrees; 0 on the baseline.
     axis : ReferenceAxis
-        About which sections turn: the quarter chord of `ReferenceAxis.of`, or points of yours.
+        Axis of rotation of the sections: the quarter chord of `ReferenceAxis.of`, or your own points.
     stations : int or sequence of float
-        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
-        ``(0.0, 0.4, 1.0)``. One is a value for all.
+        Their number, evenly from the first point of the axis (0) to the last (1), or their positions:
+        ``(0.0, 0.4, 1.0)``. A single station is a value for all.
     order : int
         Order of the spline between the stations: 2 straight lines, 4 cubics.
     on : Lattice, optional
-        Lattice that is moved instead of the whole surface; what it embeds follows.
+        Lattice moved instead of the whole surface; everything embedded in it follows.
 
     Examples
     --------
@@ -154,16 +154,16 @@ class Chord(_InSections):
     name : str
         Name of the design variable, an input of `GridMovement` of shape (n_stations,); 1 on the baseline.
     axis : ReferenceAxis
-        About which sections grow and shrink, that stays where it is.
+        Axis about which sections are scaled, which stays in place.
     stations : int or sequence of float
-        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
-        ``(0.0, 0.4, 1.0)``. One is a value for all.
+        Their number, evenly from the first point of the axis (0) to the last (1), or their positions:
+        ``(0.0, 0.4, 1.0)``. A single station is a value for all.
     order : int
         Order of the spline between the stations: 2 straight lines, 4 cubics.
     on : Lattice, optional
-        Lattice that is moved instead of the whole surface; what it embeds follows.
+        Lattice moved instead of the whole surface; everything embedded in it follows.
     scales_thickness : bool
-        Whether the thickness scales too, so that thickness over chord stays.
+        Whether the thickness scales too, which preserves thickness over chord.
 
     Examples
     --------
@@ -191,21 +191,21 @@ class Chord(_InSections):
 class ThicknessFactor(_InSections):
     """Scale heights of sections normal to their chord lines, from the axis; values are factors on the thickness.
 
-    The camber of a section is scaled with its thickness.
+    The camber of a section scales with its thickness.
 
     Parameters
     ----------
     name : str
         Name of the design variable, an input of `GridMovement` of shape (n_stations,); 1 on the baseline.
     axis : ReferenceAxis
-        Line from which heights are measured, that stays where it is.
+        Line from which heights are measured, which stays in place.
     stations : int or sequence of float
-        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
-        ``(0.0, 0.4, 1.0)``. One is a value for all.
+        Their number, evenly from the first point of the axis (0) to the last (1), or their positions:
+        ``(0.0, 0.4, 1.0)``. A single station is a value for all.
     order : int
         Order of the spline between the stations: 2 straight lines, 4 cubics.
     on : Lattice, optional
-        Lattice that is moved instead of the whole surface; what it embeds follows.
+        Lattice moved instead of the whole surface; everything embedded in it follows.
 
     Examples
     --------
@@ -232,16 +232,16 @@ class ThicknessFactor(_InSections):
 class Taper(AlongAxis):
     """Scale sections about the axis by a factor, linear from 1 at its first point to the value at its last.
 
-    The factor is on the ratio of tip and root chord; thickness over chord stays.
+    The factor applies to the ratio of tip and root chord; thickness over chord is preserved.
 
     Parameters
     ----------
     name : str
         Name of the design variable, an input of `GridMovement` of shape (1,); 1 on the baseline. It has no stations.
     axis : ReferenceAxis
-        About which sections shrink, that stays where it is.
+        Axis about which sections are scaled, which stays in place.
     on : Lattice, optional
-        Lattice that is moved instead of the whole surface; what it embeds follows.
+        Lattice moved instead of the whole surface; everything embedded in it follows.
 
     Examples
     --------
@@ -265,7 +265,7 @@ def _similar(factor: np.ndarray) -> np.ndarray:
 
 
 def parabola(part: np.ndarray) -> np.ndarray:
-    """Camber line ``4 part (1 - part)`` over the parts of the chord: 1 in the middle."""
+    """Camber line ``4 part (1 - part)`` along the chord, from 0 to 1: 1 in the middle."""
     return 4.0 * part * (1.0 - part)
 
 
@@ -278,17 +278,17 @@ class Camber(AtStations):
     name : str
         Name of the design variable, an input of `GridMovement` of shape (n_stations,), in chords; 0 on the baseline.
     axis : ReferenceAxis
-        Along which stations are; camber itself is that of the sections' chord lines.
+        Axis of the stations; camber itself is measured from the sections' chord lines.
     stations : int or sequence of float
-        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
-        ``(0.0, 0.4, 1.0)``. One is a value for all.
+        Their number, evenly from the first point of the axis (0) to the last (1), or their positions:
+        ``(0.0, 0.4, 1.0)``. A single station is a value for all.
     order : int
         Order of the spline between the stations: 2 straight lines, 4 cubics.
     on : Lattice, optional
-        Lattice that is moved instead of the whole surface; what it embeds follows.
+        Lattice moved instead of the whole surface; everything embedded in it follows.
     line : callable
-        Camber line of a unit value: heights in chords at parts of the chord, 0 the leading and 1 the trailing edge.
-        `parabola` by default: the value is the height of the camber line in its middle.
+        Camber line for a unit value: heights in chords at fractions of the chord, 0 at the leading and 1 at the
+        trailing edge. By default `parabola`: the value is the height of the camber line in its middle.
 
     Examples
     --------
@@ -321,7 +321,7 @@ class Camber(AtStations):
 
 
 class _Shifting(AtStations):
-    """A variable that shifts sections as wholes along one coordinate."""
+    """A variable that shifts whole sections along one coordinate."""
 
     def _shift(
         self,
@@ -349,14 +349,14 @@ class Span(_Shifting):
     name : str
         Name of the design variable, an input of `GridMovement` of shape (n_stations,); 1 on the baseline.
     axis : ReferenceAxis
-        Which is stretched from its first point on; sections go with the points of it that they are attached to.
+        Axis, stretched from its first point on; sections move with the axis points they are attached to.
     stations : int or sequence of float
-        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
-        ``(0.0, 0.4, 1.0)``. One is a value for all.
+        Their number, evenly from the first point of the axis (0) to the last (1), or their positions:
+        ``(0.0, 0.4, 1.0)``. A single station is a value for all.
     order : int
         Order of the spline between the stations: 2 straight lines, 4 cubics.
     on : Lattice, optional
-        Lattice that is moved instead of the whole surface; what it embeds follows.
+        Lattice moved instead of the whole surface; everything embedded in it follows.
 
     Examples
     --------
@@ -383,16 +383,16 @@ class Sweep(_Shifting):
     ----------
     name : str
         Name of the design variable, an input of `GridMovement` of shape (n_stations,), in degrees; 0 on the
-        baseline. Its tangent is added to that of the sweep that there is.
+        baseline. Its tangent is added to the tangent of the existing sweep.
     axis : ReferenceAxis
-        Which is sheared from its first point on; sections go with it and keep their chords.
+        Axis, sheared from its first point on; sections move with it and keep their chords.
     stations : int or sequence of float
-        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
-        ``(0.0, 0.4, 1.0)``. One is a value for all.
+        Their number, evenly from the first point of the axis (0) to the last (1), or their positions:
+        ``(0.0, 0.4, 1.0)``. A single station is a value for all.
     order : int
         Order of the spline between the stations: 2 straight lines, 4 cubics.
     on : Lattice, optional
-        Lattice that is moved instead of the whole surface; what it embeds follows.
+        Lattice moved instead of the whole surface; everything embedded in it follows.
 
     Examples
     --------
@@ -419,16 +419,16 @@ class Dihedral(_Shifting):
     ----------
     name : str
         Name of the design variable, an input of `GridMovement` of shape (n_stations,), in degrees; 0 on the
-        baseline. Its tangent is added to that of the dihedral that there is.
+        baseline. Its tangent is added to the tangent of the existing dihedral.
     axis : ReferenceAxis
-        Which is sheared from its first point on; sections go with it and stay upright.
+        Axis, sheared from its first point on; sections move with it and stay upright.
     stations : int or sequence of float
-        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
-        ``(0.0, 0.4, 1.0)``. One is a value for all.
+        Their number, evenly from the first point of the axis (0) to the last (1), or their positions:
+        ``(0.0, 0.4, 1.0)``. A single station is a value for all.
     order : int
         Order of the spline between the stations: 2 straight lines, 4 cubics.
     on : Lattice, optional
-        Lattice that is moved instead of the whole surface; what it embeds follows.
+        Lattice moved instead of the whole surface; everything embedded in it follows.
 
     Examples
     --------

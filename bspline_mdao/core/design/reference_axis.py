@@ -1,7 +1,7 @@
-"""Reference axes: lines along the span that planform variables work about, which move along with the surface.
+"""Reference axes: lines along the span about which planform variables act, and which move with the surface.
 
-On the baseline every row of points is attached to the axis at a station. Between the points of an axis, and between the
-values of a variable at stations, a spline of local support interpolates. Theory: ``docs/theory/parametrization.rst``.
+On the baseline every row of points is attached to the axis at a station. A spline of local support interpolates between
+the points of an axis, and between the values of a variable at stations. Theory: ``docs/theory/parametrization.rst``.
 """
 
 from __future__ import annotations
@@ -30,37 +30,38 @@ from .variable import Layout
 __all__ = ["AttachedRows", "ChordLines", "ReferenceAxis", "StationSpline", "chord_lines"]
 
 _INSIDE = 2e-2
-"""Sections are cut this part of the whole extent inside the ends, which may have no chord: at a fitted tip, single
-control points stick out."""
+"""Sections are cut at least this fraction of the whole extent inside the ends, which may have no chord: at a fitted
+tip, single control points stick out."""
 
 _NEAR = 0.02
-"""Points up to this part of the chord from its end give the height of the end by their mean: control points of a blunt
-nose stick out above and below it."""
+"""The mean of points within this fraction of the chord from its end gives the height of the end: control points of a
+blunt nose stick out above and below it."""
 
 _NO_CHORD = 1e-6
-"""A chord that is shorter than this part of the surface's box is none: a section of it has no direction."""
+"""A chord shorter than this fraction of the surface's box counts as zero: its section has no direction."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceAxis(OneLine):
     """A line through points from the root to the tip.
 
-    Every row that variables move is attached to the axis: on the baseline, once and for all, it is given a *station*,
-    the part of the axis between its first (0) and its last point (1). A straight axis is one along which the span
-    increases; a row's station is that of its place along the span, and sections are normal to the span. Of a curved
-    axis, such as one that goes up a winglet, it is that of the closest point, seen along the stream; sections are
-    normal to the axis as seen that way, but those at a plane of symmetry in which the axis begins are in that plane.
+    Every row moved by variables is attached to the axis: on the baseline, once and for all, it gets a *station*, its
+    position on the axis between the first (0) and last point (1). Along a straight axis the span increases; a row's
+    station follows from its position along the span, and sections are normal to the span. On a curved axis, such as one
+    that goes up a winglet, it is the station of the closest point, seen along the stream. Sections are normal to the
+    axis in that view, except at a symmetry plane in which the axis begins, where they lie in that plane.
 
     Parameters
     ----------
     points : array_like, shape (n, 3)
         Points on the baseline (m), the root first.
     is_curved : bool
-        Whether stations are those of closest points.
+        Whether stations are taken from closest points.
     order : int
-        What joins the points: 2 straight lines, 4 cubics, see `StationSpline`. Beyond the last point the axis goes on
-        along the straight line through the last two; so it does inboard of the first if that is in a plane of symmetry.
-        Otherwise, what is inboard of the first point, such as a body, is attached to that point.
+        Order of the curve through the points: 2 straight lines, 4 cubics, see `StationSpline`. Beyond the last point
+        the axis continues along the straight line through the last two, and likewise inboard of the first point if that
+        is in a symmetry plane. Otherwise, everything inboard of the first point, such as a body, is attached to that
+        point.
 
     Raises
     ------
@@ -100,22 +101,22 @@ class ReferenceAxis(OneLine):
         span: tuple[float, float] = (0.0, 1.0),
         surface: SurfaceGrid | None = None,
     ) -> ReferenceAxis:
-        """Find a straight axis at one part of the chord of every section.
+        """Find a straight axis at one fraction of the chord of every section.
 
         Parameters
         ----------
         mesh : MovingMesh
-            The control mesh. Its planes of symmetry and the box of its surface give stream, normal and span, see
+            The control mesh. Its symmetry planes and the box of its surface define stream, normal and span, see
             `surface_frame`.
         at : float
-            Part of the chord, 0 the leading edge and 1 the trailing edge.
+            Fraction of the chord, 0 at the leading edge and 1 at the trailing edge.
         n : int
-            Points of the axis.
+            Number of points of the axis.
         span : tuple of float
-            Parts of the span where the axis begins and ends.
+            Fractions of the span where the axis begins and ends.
         surface : SurfaceGrid, optional
-            The surface whose sections count, from their most upstream to their most downstream point. By default that
-            is the control mesh itself, which sticks out of the surface at a blunt nose.
+            The surface whose sections are used, from their most upstream to their most downstream point. By default the
+            control mesh itself, which sticks out of the surface at a blunt nose.
 
         Returns
         -------
@@ -151,7 +152,7 @@ class ReferenceAxis(OneLine):
         Raises
         ------
         InputError
-            If the axis does not go out along the span, misses the surface, or two of its points are one.
+            If the axis does not advance along the span, misses the surface, or has two coincident points.
         """
         frame = mesh_frame(layout.mesh)
         seen = frame.axes[1:] if self.is_curved else frame.axes[2:]
@@ -171,7 +172,7 @@ class ReferenceAxis(OneLine):
         return abs(self.points[0] @ plane.normal - plane.offset) <= tolerance
 
     def _require_overlap(self, places: np.ndarray, stations: np.ndarray, frame: Frame) -> None:
-        """Refuse an axis that all of the surface is inboard or outboard of."""
+        """Refuse an axis with the whole surface inboard or outboard of it."""
         if not stations.max() > 0.0 or not stations.min() < 1.0:
             ends = self.points[[0, -1]] @ frame.axes[2]
             raise InputError(
@@ -180,7 +181,7 @@ class ReferenceAxis(OneLine):
             )
 
     def _require_advance(self, steps: np.ndarray) -> None:
-        """Refuse points that do not go out along the span, or of a curved axis coincide."""
+        """Refuse points that do not advance along the span, or that coincide on a curved axis."""
         is_bad = ~steps.any(axis=1) if self.is_curved else steps[:, 0] <= 0.0
         if is_bad.any():
             raise InputError(
@@ -192,9 +193,9 @@ class ReferenceAxis(OneLine):
 def _closest(
     starts: np.ndarray, steps: np.ndarray, points: np.ndarray, goes_on_inboard: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the segment closest to each point (n, m) and the place on it from 0 to 1."""
+    """Return the segment closest to each point (n, m) and the position on it from 0 to 1."""
     # 1. Every point is projected onto the line of every segment.
-    # 2. Places are clipped to the segment; the last goes on outboard, the first inboard if it may.
+    # 2. Positions are clipped to the segment; the last continues outboard, the first inboard if it may.
     # 3. The segment at the smallest distance is taken, the first of equals.
     offsets = points[:, None] - starts
     low, high = np.zeros(len(steps)), np.ones(len(steps))
@@ -207,17 +208,17 @@ def _closest(
 
 @dataclass(frozen=True, eq=False)
 class AttachedRows(OneLine):
-    """Rows attached to a reference axis: their stations and the planes of their sections, decided on the baseline."""
+    """Rows attached to a reference axis: their stations and section planes, computed on the baseline."""
 
     axis: ReferenceAxis
     layout: Layout  # the rows
     frame: Frame  # stream, normal and span
     knots: np.ndarray  # (n_axis,), stations of the axis' own points, from 0 to 1
-    directions: np.ndarray  # (n_axis - 1, 3), unit vectors between them, as the axis is seen
-    # station of every row; above 1 outboard of the axis, and below 0 inboard of one that begins in a plane
+    directions: np.ndarray  # (n_axis - 1, 3), unit vectors between them, as seen
+    # station of every row; above 1 outboard of the axis, and below 0 inboard of an axis that begins in a plane
     stations: np.ndarray  # (n_rows,)
-    begins_in_plane: bool  # whether the axis begins in a plane of symmetry
-    # chord lines at the axis' own points; those of the control mesh by default
+    begins_in_plane: bool  # whether the axis begins in a symmetry plane
+    # chord lines at the axis' own points; of the control mesh by default
     lines: ChordLines | None = None
 
     @cached_property
@@ -228,7 +229,7 @@ class AttachedRows(OneLine):
 
     @cached_property
     def weights(self) -> csr_array:
-        """Weights of the axis' points that give its point at the station of every row, shape (n_rows, n_axis)."""
+        """Weights of the axis' points for its point at the station of every row, shape (n_rows, n_axis)."""
         weights = self._inside.toarray()
         inboard = np.minimum(self.stations, 0.0) / self.knots[1]
         outboard = np.maximum(self.stations - 1.0, 0.0) / (1.0 - self.knots[-2])
@@ -238,7 +239,7 @@ class AttachedRows(OneLine):
 
     @cached_property
     def section_axes(self) -> np.ndarray:
-        """Stream, and what is above it, in the plane of the section of every row; shape (n_rows, 2, 3)."""
+        """Stream and upward directions in the plane of the section of every row; shape (n_rows, 2, 3)."""
         stream, normal, span = self.frame.axes
         out = np.concatenate([self.directions[:1], self.directions, self.directions[-1:]])
         out = _unit(out[:-1] + out[1:])
@@ -255,20 +256,20 @@ class AttachedRows(OneLine):
 
     @cached_property
     def chord_axes(self) -> np.ndarray:
-        """`section_axes` rotated so that the first is along the chord line, shape (n_rows, 2, 3)."""
+        """`section_axes` rotated with the first along the chord line, shape (n_rows, 2, 3)."""
         along, above = np.einsum("nij,nj->in", self.section_axes[self.axis_rows], self._chord_lines.chords)
         angle = self._inside @ np.arctan2(above, along)
         return rotation(angle) @ self.section_axes
 
     @cached_property
     def chord_parts(self) -> np.ndarray:
-        """Part of the chord at which every row is, 0 at the leading edge; shape (n_rows,)."""
+        """Chordwise position of every row, 0 at the leading edge; shape (n_rows,)."""
         behind = self.layout.points - self.weights @ self._chord_lines.leading
         return np.sum(behind * self.chord_axes[:, 0], axis=1) / self.chord_lengths
 
     @cached_property
     def _inside(self) -> csr_array:
-        """Weights of the axis' points between its ends, constant outside of them."""
+        """Weights of the axis' points between its ends, constant beyond them."""
         return StationSpline(tuple(self.knots), self.axis.order).matrix(self.stations)
 
     @cached_property
@@ -286,11 +287,11 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class StationSpline(OneLine):
-    """Interpolation of values at stations along an axis, with local support, constant outside of the ends."""
+    """Interpolation of values at stations along an axis, with local support, constant beyond the ends."""
 
-    stations: tuple[float, ...]  # ascending parts of the axis, 0 at its first point and 1 at its last
-    # 2: straight lines, on which a value has an influence one interval to either side of its station. 4: cubics that
-    # have at each station the slope of the parabola through it and its neighbours; two intervals to either side
+    stations: tuple[float, ...]  # ascending positions on the axis, 0 at its first point and 1 at its last
+    # 2: straight lines, on which a value has an influence one interval to either side of its station. 4: cubics with
+    # the slope of the parabola through each station and its neighbours; two intervals to either side
     order: int = 4
 
     def __post_init__(self) -> None:
@@ -302,7 +303,7 @@ class StationSpline(OneLine):
 
     @classmethod
     def of(cls, stations: int | Sequence[float], order: int = 4) -> StationSpline:
-        """Make the spline of a number of stations, evenly from 0 to 1, or of stations where they are given.
+        """Make the spline for a number of stations, evenly from 0 to 1, or for given stations.
 
         Examples
         --------
@@ -323,21 +324,21 @@ class StationSpline(OneLine):
         return len(self.stations)
 
     def matrix(self, at: np.ndarray) -> csr_array:
-        """Sparse matrix, shape (n, n_values), that gives the values at parts of the axis, shape (n,)."""
+        """Sparse matrix, shape (n, n_values), for the values at positions on the axis, shape (n,)."""
         return csr_array(self.basis(at))
 
     def basis(self, at: np.ndarray) -> np.ndarray:
-        """Influence of every value at parts of the axis of any shape; shape (..., n_values)."""
+        """Influence of every value at positions on the axis of any shape; shape (..., n_values)."""
         return self._pieces(np.clip(at, self._ends[0], self._ends[1]))
 
     def slopes(self, at: np.ndarray) -> np.ndarray:
-        """Slopes of `basis` at parts of the axis of any shape, none beyond the ends; shape (..., n_values)."""
+        """Slopes of `basis` at positions on the axis of any shape, zero beyond the ends; shape (..., n_values)."""
         is_inside = (at >= self._ends[0]) & (at <= self._ends[1])
         inside = np.clip(at, self._ends[0], self._ends[1])
         return np.where(is_inside[..., None], self._pieces.derivative()(inside), 0.0)
 
     def integral(self, at: np.ndarray) -> np.ndarray:
-        """Integrals of `basis` from one place that is the same for all, to parts of the axis; shape (..., n_values)."""
+        """Integrals of `basis` from one common position to positions on the axis; shape (..., n_values)."""
         inside = np.clip(at, self._ends[0], self._ends[1])
         return self._antiderivative(inside) + (at - inside)[..., None] * self._pieces(inside)
 
@@ -378,17 +379,17 @@ class ChordLines:
 def chord_lines(
     points: np.ndarray,  # (n_points, 3), points of the surface (m)
     quads: np.ndarray,  # int (n_quads, 4), points at the corners of its quads
-    places: np.ndarray,  # (n_points,), place of every point along the span or an axis; linear on the edges between
-    at: np.ndarray,  # (n,), places of the sections
+    places: np.ndarray,  # (n_points,), position of every point along the span or an axis; linear on the edges between
+    at: np.ndarray,  # (n,), positions of the sections
     stream: np.ndarray,  # (3,), unit vector downstream
-    root: float | None = None,  # place from which on sections are whole, where the quads do not tell
-    # finds both ends of the chord of a section, points (n, 3), and of the direction downstream
+    root: float | None = None,  # position from which on sections are complete, if the quads do not show it
+    # finds both ends of a section's chord from its points (n, 3) and the direction downstream
     ends_of: Callable[[np.ndarray, np.ndarray], Sequence[np.ndarray] | np.ndarray] | None = None,
 ) -> ChordLines:
     """Find the chord lines of a surface of quads."""
-    # returns from the most upstream to the most downstream place of every section, at the mean height of the points
-    # near it. Over the last fiftieth before the ends of the surface and outside of it, and at a root whose sections are
-    # not whole (`root_end`), both go on along straight lines
+    # returns from the most upstream to the most downstream point of every section, at the mean height of the nearby
+    # points. Over the last fiftieth before the ends of the surface and outside it, and at a root with incomplete
+    # sections (`root_end`), both continue along straight lines
     margin = _INSIDE * np.ptp(places)
     low, high = max(places.min(), root_end(quads, places) if root is None else root) + margin, places.max() - margin
     cut_at = np.clip(at, low, high)
@@ -418,7 +419,7 @@ def _cut(
 
 
 def _ends(section: np.ndarray, stream: np.ndarray) -> Sequence[np.ndarray] | np.ndarray:
-    """Most upstream and most downstream place of a section, points (n, 3), in the middle of both sides."""
+    """Most upstream and most downstream position of a section, points (n, 3), midway between both sides."""
     along = section @ stream
     if not len(section) or not np.ptp(along):
         return np.zeros((2, 3))

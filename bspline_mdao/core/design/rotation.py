@@ -1,8 +1,8 @@
-"""Rotation of a part of the surface about a hinge as a design variable, and the places of the hinge's two points.
+"""Rotation of a part of the surface about a hinge as a design variable, and the positions of the hinge's two points.
 
-A row x turns about the hinge's points a and b, as they are, by w v: v is the value, and w the part of it that the row
-turns by, decided on the baseline once and for all. So a hinge follows what earlier variables do to the surface,
-and `HingePoints` moves it by itself. Theory: ``docs/theory/parametrization.rst``.
+A row x rotates about the hinge's current points a and b by w v: v is the value, and w the row's fraction of it, fixed
+on the baseline. So a hinge follows earlier variables of the surface, and `HingePoints` moves only the hinge. Theory:
+``docs/theory/parametrization.rst``.
 """
 
 from __future__ import annotations
@@ -31,30 +31,31 @@ __all__ = ["HingePoints", "Rotation", "RotationMap"]
 class Rotation(OneLine):
     """Rotate a part of the surface about a hinge by any angle; the value is in degrees, 0 on the baseline.
 
-    What turns is decided on the baseline: all of the surface by default, the points of ``where`` as a whole, what is
-    behind the hinge line with a ``blend``, or both of these. Axes, lattices and other hinges turn as the surface at
-    their place does, so that a tab follows its flap.
+    What rotates is determined on the baseline: by default the whole surface; otherwise the points of ``where`` as a
+    whole, everything behind the hinge line with a ``blend``, or both. Axes, lattices and other hinges rotate like the
+    surface at their position, so a tab follows its flap.
 
     Parameters
     ----------
     name : str
         Name of the design variable, an input of `GridMovement` of shape (1,), in degrees; 0 on the baseline.
     hinge : Hinge
-        The axis. It follows what earlier variables do to the surface; `HingePoints` before this variable
-        makes its place a variable.
+        The axis. It follows earlier variables of the surface; with `HingePoints` before this variable its position is
+        variable, too.
     where : Selection or array_like of int, optional
-        Points that turn as a whole, such as ``OnPatch(model, "flap*")`` behind a gap; numbers are rows of
+        Points that rotate as a whole, such as ``OnPatch(model, "flap*")`` behind a gap; numbers are rows of
         ``mesh.surface_ids``.
     blend : float, optional
-        Distance ahead of the hinge line (m) over which turning fades: then all that is behind the line and between its
-        ends turns. The stream is that of the surface's box, see `bspline_mdao.movers.mesh_frame`.
+        Distance ahead of the hinge line (m) over which rotation fades: then everything behind the line and between its
+        ends rotates. The stream comes from the surface's box, see `bspline_mdao.movers.mesh_frame`.
     ends : float, optional
-        Distance beyond the ends of the hinge (m) over which turning fades, as ``blend`` by default; 0: not at all.
+        Distance beyond the ends of the hinge (m) over which rotation fades, by default ``blend``; 0: no rotation
+        beyond.
 
     Raises
     ------
     InputError
-        If the hinge is none, or a distance is negative or without ``blend``.
+        If the hinge is invalid, or a distance is negative or given without ``blend``.
 
     Examples
     --------
@@ -92,12 +93,12 @@ class Rotation(OneLine):
         return (self.hinge,)
 
     def bind(self, layout: Layout) -> RotationMap:
-        """Decide on the baseline what turns.
+        """Determine on the baseline what rotates.
 
         Raises
         ------
         InputError
-            If nothing is selected, or nothing turns.
+            If nothing is selected, or nothing rotates.
         """
         weights = self._weights(layout)
         hinge = layout.rows(self.hinge)
@@ -107,7 +108,7 @@ class Rotation(OneLine):
         return RotationMap(np.arange(hinge.start, hinge.stop), weights)
 
     def _weights(self, layout: Layout) -> np.ndarray:
-        """Part of the angle by which every row turns, shape (n_rows,)."""
+        """Fraction of the angle by which every row rotates, shape (n_rows,)."""
         if self.where is None and self.blend is None:
             return np.ones(len(layout.points))
         weights = np.zeros(len(layout.points))
@@ -125,13 +126,13 @@ class Rotation(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class RotationMap(OneLine):
-    """Turn rows about the axis through two of them, by parts of an angle in degrees."""
+    """Rotate rows about the axis through two of them, by fractions of an angle in degrees."""
 
     hinge_rows: np.ndarray  # int (2,), rows of the hinge's points
-    weights: np.ndarray  # (n_rows,), part of the angle by which each row turns
+    weights: np.ndarray  # (n_rows,), fraction of the angle by which each row rotates
 
     initial: ClassVar[np.ndarray] = np.zeros(1)
-    """The angle at which nothing turns."""
+    """The angle at which nothing rotates."""
 
     def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Move all rows, shape (n_rows, 3), in metres."""
@@ -163,8 +164,8 @@ class RotationMap(OneLine):
 class HingePoints(OneLine):
     """Move the two points of a hinge; a later `Rotation` about it follows.
 
-    Values are displacements, and initially zero: those of the first point along every direction, then those of the
-    second. What turns stays what it is on the baseline.
+    Values are displacements, initially zero: first the first point's along every direction, then the second point's.
+    The rotating part remains as determined on the baseline.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Relations of derivatives at seams and at poles that keep a surface smooth, on many places along every seam.
+"""Relations between derivatives at seams and poles that keep a surface smooth, at many places along every seam.
 
 Theory: ``docs/theory/linear_constraints.rst``.
 """
@@ -18,25 +18,25 @@ from ..mesh.seams import Pole, Seam
 __all__ = ["SeamRelations", "pole_relations", "relations_along"]
 
 NO_LENGTH = 1e-12
-"""Length of a derivative, relative to the mesh, that is none: the edge has collapsed."""
+"""Length of a derivative, relative to the mesh, that counts as zero: the edge has collapsed."""
 
 PARALLEL = 1e-9
-"""Sine of an angle between derivatives that is none: there is no tangent plane."""
+"""Sine of the angle between derivatives that counts as zero: there is no tangent plane."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeamRelations(OneLine):
-    """Combinations of control points that vanish, and stay so, where a surface is smooth."""
+    """Combinations of control points that vanish where a surface is smooth, and have to stay zero."""
 
     # Each is ``L + r R + s T`` at a place of a seam, or of the legs of a pole, in units of a displacement.
 
     weights: csr_array  # (n, n_surface), weights of surface control points
-    at: np.ndarray  # int (n,), row of the control point that each is nearest to
-    sizes: np.ndarray  # (n,), square root of the part of a control point's surroundings that each stands for
+    at: np.ndarray  # int (n,), row of the nearest control point of each
+    sizes: np.ndarray  # (n,), square root of the fraction of a control point's surroundings represented by each
     normals: np.ndarray  # (n, 3), unit normals of the mean tangent plane
-    kinks: np.ndarray  # (n,), angles between the two tangent planes, or at a pole of a leg with the plane of all (deg)
-    # unit normals of the planes of symmetry in which alone a combination vanishes, beside the mirror image of a side;
-    # zero elsewhere
+    kinks: np.ndarray  # (n,), angles between both tangent planes, or at a pole between a leg and the plane of all (deg)
+    # unit normals of the symmetry planes within which a combination vanishes, next to the mirror image of a side; zero
+    # elsewhere
     mirrors: np.ndarray  # (n, 3)
 
     def part(self, chosen: np.ndarray) -> SeamRelations:
@@ -67,13 +67,12 @@ class SeamRelations(OneLine):
 def relations_along(
     seam: Seam,
     points: np.ndarray,  # (n_surface, 3), surface control points (m)
-    size: float,  # size of the mesh (m). Places at which a derivative vanishes are left out
+    size: float,  # size of the mesh (m). Places where a derivative vanishes are left out
 ) -> SeamRelations:
-    """Find ``L + r R + s T`` of a surface along a seam, r and s those of the mean tangent plane."""
-    # Beside a mirror image R is that of L, and r is one: the sum L + R has no part across the plane of symmetry, and
-    # its part in the plane is that of ``2 L``, of which the weights are.
-    # Splines are looked at in as many places of every span as their order plus one, those of Gauss; quads between
-    # points, which are smooth nowhere else, at the points.
+    """Find ``L + r R + s T`` of a surface along a seam, with r and s from the mean tangent plane."""
+    # Next to a mirror image R is the image of L, and r is one: the sum L + R has no component across the symmetry
+    # plane, and its component in the plane is the one of ``2 L``, whose weights are used. Splines are evaluated at
+    # order plus one Gauss points in every span; quads between points, which are smooth nowhere else, at the points.
     t, parts = _places(seam)
     left, right, tangent = derivatives(seam, t, points)
     is_there = np.min([lengths(left), lengths(right), lengths(tangent)], axis=0) > NO_LENGTH * size
@@ -83,7 +82,7 @@ def relations_along(
     kinks = np.where(np.min([lengths(n) for n in normals], axis=0) > 0.5, kinks, 180.0)
     middle = unit_vectors(normals[0] + normals[1], normals[0], NO_LENGTH)
     speed = lengths(tangent)[:, None]
-    across = np.cross(tangent / speed, middle)  # in the mean plane, at right angles to the seam
+    across = np.cross(tangent / speed, middle)  # in the mean plane, perpendicular to the seam
     ratios = -dots(left, across) / np.where(kinks < 90.0, dots(right, across), 1.0)
     along = -dots(left + ratios[:, None] * right, tangent / speed) / speed[:, 0]
     weights = _weights(seam, t, ratios, along, len(points))
@@ -109,11 +108,11 @@ def pole_relations(
     points: np.ndarray,  # (n_surface, 3), surface control points (m)
     size: float,  # size of the mesh (m)
     *,
-    # relations that keep m legs in a plane whatever it is: m - 2 of their combinations. Otherwise the legs themselves,
-    # whose parts along the normal are to vanish
+    # relations that keep m legs in some plane: m - 2 of their combinations. Otherwise the legs themselves, whose normal
+    # components are to vanish
     is_linear: bool,
 ) -> SeamRelations:
-    """Find relations between the legs from a pole to the control points around it, which keep these in one plane."""
+    """Find relations between the legs from a pole to the control points around it that keep these in one plane."""
     ring = pole.ring[lengths(points[pole.ring] - points[pole.at]) > NO_LENGTH * size]
     legs = points[ring] - points[pole.at]
     length = lengths(legs)
@@ -122,7 +121,7 @@ def pole_relations(
     normal = axes[-1] if len(axes) == 3 else np.zeros(3)
     kink = np.degrees(np.arcsin(np.abs(unit @ normal).clip(0.0, 1.0))).max(initial=0.0)
     combined = np.eye(len(ring))
-    if is_linear:  # what is at right angles to both coordinates of the legs in the plane
+    if is_linear:  # combinations orthogonal to both coordinates of the legs in the plane
         combined = np.linalg.svd(unit @ axes[:2].T)[0][:, 2:].T
     rows = np.zeros((len(combined), len(points)))
     rows[:, ring] = combined / length * length.mean()
@@ -133,7 +132,7 @@ def pole_relations(
 
 
 def _places(seam: Seam) -> tuple[np.ndarray, np.ndarray]:
-    """Places along a seam, and the part of it that each stands for."""
+    """Places along a seam, and the fraction of it represented by each."""
     knots = seam.first.side.edge_knots(1 - seam.first.axis, seam.first.end)
     if knots.order < 3:
         t = seam.first.greville()
@@ -146,7 +145,7 @@ def _places(seam: Seam) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _weights(seam: Seam, t: np.ndarray, ratios: np.ndarray, along: np.ndarray, n_surface: int) -> csr_array:
-    """Weights of surface control points in ``L + r R + s T``, scaled so that those of the inner lines sum to one."""
+    """Weights of surface control points in ``L + r R + s T``, scaled such that weights of inner lines sum to one."""
     first, second = seam.first.weights(t), seam.second.weights(t)
     ratio, slope = ratios[:, None], along[:, None]
     scale = 1.0 / np.maximum(first[0].sum(axis=1) + ratios * second[0].sum(axis=1), first[0].sum(axis=1))[:, None]
@@ -163,6 +162,6 @@ def _weights(seam: Seam, t: np.ndarray, ratios: np.ndarray, along: np.ndarray, n
 
 
 def _unit_normals(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Unit normals of vectors, shape (n, 3); zero where these are parallel."""
+    """Unit normals to pairs of vectors, shape (n, 3); zero if they are parallel."""
     crossed = np.cross(a / lengths(a)[:, None], b / lengths(b)[:, None])
     return unit_vectors(crossed, np.zeros(3), PARALLEL)

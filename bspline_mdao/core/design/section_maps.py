@@ -1,9 +1,9 @@
-"""Maps of wing sections: the formulas of rotation, scaling and shear, and maps of points along an axis by them.
+"""Maps of wing sections: formulas for rotation, scaling and shear, and the resulting maps of points along an axis.
 
 A named deformation applies a formula by one amount (`bspline_mdao.core.design.deformation`: `RotateSections`,
 `ScaleChord`, `ScaleThickness`, `ShearDownstream`, `ShearUpwards`); a design variable by one amount per station along
 an axis (`bspline_mdao.core.design.planform`: `Twist`, `Chord`, `ThicknessFactor`, `Taper`, `Sweep`, `Dihedral`), which
-multiplies sections in their planes, `SectionMap`, or shifts them as wholes, `ShiftMap`. All are complex-safe in the
+multiplies sections in their planes, `SectionMap`, or shifts whole sections, `ShiftMap`. All are complex-safe in the
 amount. Theory: ``docs/theory/parametrization.rst`` and ``docs/theory/deformations.rst``.
 """
 
@@ -32,11 +32,11 @@ def rotation(
 def scaling(stream: np.ndarray | float, normal: np.ndarray | float) -> np.ndarray:
     """Return matrices, shape (..., 2, 2), that scale stream and normal coordinates by factors of any shape."""
     stream, normal = np.broadcast_arrays(stream, normal)
-    return _matrix(stream, 0.0 * stream, 0.0 * normal, normal)  # zeros that are complex where the factors are
+    return _matrix(stream, 0.0 * stream, 0.0 * normal, normal)  # zeros that are complex if the factors are
 
 
 def shear(angle: np.ndarray | float) -> np.ndarray:
-    """Return the shift of sections per length of span that is sheared by an angle (rad)."""
+    """Return the shift of sections per length of span for a shear angle (rad)."""
     return np.tan(angle)
 
 
@@ -46,20 +46,20 @@ def _matrix(a: np.ndarray | float, b: np.ndarray | float, c: np.ndarray | float,
 
 @dataclass(frozen=True, eq=False)
 class SectionMap:
-    """Multiply places in the planes of sections, about the axis as it is, by a matrix of an amount per section."""
+    """Multiply positions in section planes, about the current axis, by a matrix with one amount per section."""
 
     # Row x with the axis point c, the axes E (2 x 3) of its section and the amount a moves to ``x + E^T (M(a) - 1) E (x
     # - c)``.
 
-    neutral: float  # amount, and value, at which nothing moves
+    neutral: float  # amount and value at which nothing moves
     # (n_rows, n_axis), which give the point of the axis at the station of every row
     weights: csr_array
     axis_rows: np.ndarray  # (n_axis,) of int, rows of the axis' own points
     axes: np.ndarray  # (n_rows, 2, 3), two orthonormal directions in the plane of each row's section
-    spline: csr_array  # (n_rows, n_values), amounts of sections, less the neutral one, of values less the neutral one
-    # matrices, shape (n_rows, 2, 2), of amounts times the unit, shape (n_rows,); complex-safe
+    spline: csr_array  # (n_rows, n_values), from values to amounts of sections, both less the neutral one
+    # matrices, shape (n_rows, 2, 2), from amounts times the unit, shape (n_rows,); complex-safe
     formula: Callable[[np.ndarray], np.ndarray]
-    unit: float = 1.0  # that amounts are in, in the formula's
+    unit: float = 1.0  # unit of the amounts, in the formula's
 
     @property
     def initial(self) -> np.ndarray:
@@ -93,7 +93,7 @@ class SectionMap:
         return np.einsum("nij,ni->nj", self.axes, local)
 
     def _points_jacobian(self, changes: np.ndarray) -> csr_array:
-        """Derivative with respect to the row itself and to the points of the axis, of changes (n_rows, 3, 3)."""
+        """Derivative with respect to the row itself and to the points of the axis, from changes (n_rows, 3, 3)."""
         weights, n = self.weights.tocoo(), len(changes)
         influenced = np.concatenate([np.arange(n), weights.row])
         influences = np.concatenate([np.arange(n), self.axis_rows[weights.col]])
@@ -108,7 +108,7 @@ def along_vectors(
     vectors: np.ndarray,
     amounts: csr_array,
 ) -> csr_array:  # (3 n_rows, n_values), xyz interleaved; entries that happen to be zero are kept
-    """Displacements along a vector per row, shape (n_rows, 3), of amounts, shape (n_rows, n_values)."""
+    """Displacements along a vector per row, shape (n_rows, 3), by amounts, shape (n_rows, n_values)."""
     entries = amounts.tocoo()
     data = vectors[entries.row] * entries.data[:, None]
     rows = 3 * entries.row[:, None] + np.arange(3)
@@ -120,21 +120,21 @@ def along_vectors(
 class ShiftMap:
     """Shift sections in one direction by the integral of a slope along the axis, from its first point on."""
 
-    # The slope is interpolated between stations. Over the segment i of the axis it has the mean ``sum_k B_ik m_k``,
-    # which counts for the length ``l_i`` of the segment along its path ``g_i`` as it is. Points of the axis move in the
-    # direction d by the sums up to them, and rows as the axis at their stations, with weights W: ``x_p + d sum_qi W_pq
-    # [i < q] l_i B_ik m_k``. So sections stay attached at their stations.
+    # The slope is interpolated between stations. Over segment i of the axis it has the mean ``sum_k B_ik m_k``, which
+    # multiplies the current length ``l_i`` of the segment along its path ``g_i``. Points of the axis move in the
+    # direction d by the sums up to them, and rows like the axis at their stations, with weights W:
+    # ``x_p + d sum_qi W_pq [i < q] l_i B_ik m_k``. So sections stay attached at their stations.
 
-    neutral: float  # value at which the slope is none
+    neutral: float  # value at which the slope is zero
     # (n_rows, n_axis), which give the point of the axis at the station of every row
     weights: csr_array
     axis_rows: np.ndarray  # (n_axis,) of int, rows of the axis' own points
     direction: np.ndarray  # (3,), in which sections are shifted
-    paths: np.ndarray  # (n_axis - 1, 3), unit vector for every segment of the axis, along which its length counts
+    paths: np.ndarray  # (n_axis - 1, 3), unit vector for every segment of the axis, along which its length is measured
     means: np.ndarray  # (n_axis - 1, n_values), mean influence of every value over every segment
-    # slopes, shape (n_values,), of values times the unit; complex-safe, one by one
+    # slopes, shape (n_values,), from values times the unit; complex-safe, elementwise
     formula: Callable[[np.ndarray], np.ndarray]
-    unit: float = 1.0  # that values are in, in the formula's
+    unit: float = 1.0  # unit of the values, in the formula's
 
     @property
     def initial(self) -> np.ndarray:
@@ -161,13 +161,13 @@ class ShiftMap:
 
     @cached_property
     def _sums(self) -> np.ndarray:
-        """Sums of the slopes over segments up to every row, as weights of shape (n_rows, n_axis - 1)."""
+        """Weights of shape (n_rows, n_axis - 1) that sum the slopes over segments up to every row."""
         n = len(self.axis_rows)
         return self.weights @ np.tri(n, n - 1, -1)
 
     @cached_property
     def _steps(self) -> np.ndarray:
-        """Derivatives of the lengths of segments in the points of the axis, shape (n_axis - 1, 3 n_axis)."""
+        """Derivatives of segment lengths with respect to the points of the axis, shape (n_axis - 1, 3 n_axis)."""
         n = len(self.axis_rows)
         differences = np.eye(n)[1:] - np.eye(n)[:-1]
         return (differences[:, :, None] * self.paths[:, None]).reshape(n - 1, 3 * n)
@@ -183,7 +183,7 @@ class ShiftMap:
         return (self._sums != 0.0) @ (self._steps != 0.0)
 
     def _points_jacobian(self, rates: np.ndarray) -> csr_array:
-        """Derivative of the rows with respect to the rows, from that of the shifts with respect to the axis."""
+        """Derivative of the rows with respect to the rows, from the shifts' derivative with respect to the axis."""
         shifts = self._matrix(rates, self._influence_of_points).tocoo()
         columns = (3 * self.axis_rows[:, None] + np.arange(3)).ravel()
         n = shifts.shape[0]
@@ -192,7 +192,7 @@ class ShiftMap:
         return csr_array((data, (rows, columns)), shape=(n, n))
 
     def _matrix(self, rates: np.ndarray, influence: np.ndarray) -> csr_array:
-        """Displacements of shifts of rates (n_rows, n), with entries wherever there may be an influence."""
+        """Displacements from shift rates (n_rows, n), with entries wherever there may be an influence."""
         coordinates = np.flatnonzero(self.direction)
         shifted, sources = np.nonzero(influence)
         data = rates[shifted, sources][:, None] * self.direction[coordinates]

@@ -1,9 +1,9 @@
-"""Where the surface is on its sections: the part of the chord, the side, and the normal to the chord line.
+"""Positions of the surface on its sections: fraction of the chord, side, and normal to the chord line.
 
-Places are those of the surface itself at the Greville abscissae of its control points, on the baseline. The leading
-edge of a section is its point furthest from the trailing edge, where the surface is at right angles to the chord line:
-there the normal changes from one side to the other, and the part of the chord is zero.
-Theory: ``docs/theory/parametrization.rst``, "Sections as one curve".
+Positions are taken on the surface itself, at the Greville abscissae of its control points, on the baseline. The leading
+edge of a section is its point furthest from the trailing edge, where the surface is perpendicular to the chord line:
+there the normal changes from one side to the other, and the fraction of the chord is zero. Theory:
+``docs/theory/parametrization.rst``, "Sections as one curve".
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from .variable import Layout
 __all__ = ["SectionPlaces"]
 
 _SECTIONS = 9
-"""Places along the span where the chord lines are found, and straight lines join them."""
+"""Number of places along the span where chord lines are found; they are joined by straight lines."""
 
 _LAST = 1e-6
-"""Part of the chord by which corners of a blunt trailing edge may differ along the stream, as in sections that are
-measured."""
+"""Fraction of the chord by which corners of a blunt trailing edge may differ along the stream, as in measured
+sections."""
 
 _NEAREST = 5
-"""Points at the leading edge through which the parabola goes whose vertex it is."""
+"""Number of points that define the parabola whose vertex is the leading edge."""
 
 
 @dataclass(frozen=True, eq=False)
 class SectionPlaces(OneLine):
-    """Places of the surface on its sections, one for each surface control point."""
+    """Positions of the surface on its sections, one for each surface control point."""
 
     surface: GrevilleSurface
-    stations: np.ndarray  # (n_surface,), parts of the axis, 0 at the root
-    parts: np.ndarray  # (n_surface,), parts of the chord, 0 at the leading edge
+    stations: np.ndarray  # (n_surface,), stations on the axis, 0 at the root
+    parts: np.ndarray  # (n_surface,), fractions of the chord, 0 at the leading edge
     sides: np.ndarray  # (n_surface,), 1 on the upper side and -1 on the lower one
     chords: np.ndarray  # (n_surface,), chords of the sections (m)
     up: np.ndarray  # (n_surface, 3), unit normals of the chord lines in the planes of the sections
@@ -49,7 +49,7 @@ class SectionPlaces(OneLine):
     def of(
         cls,
         layout: Layout,
-        axis: ReferenceAxis | None = None,  # along which stations are; the straight line along the span by default
+        axis: ReferenceAxis | None = None,  # axis of the stations; the straight line along the span by default
     ) -> SectionPlaces:
         """Find the chord lines on the baseline."""
         mesh, surface = layout.mesh, GrevilleSurface.of(layout.mesh)
@@ -75,7 +75,7 @@ class SectionPlaces(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class _PointsOnSurface(Layout):
-    """Rows that are points of the surface in the place of control points."""
+    """Rows that are points of the surface instead of control points."""
 
     on_surface: np.ndarray = field(kw_only=True)  # (n, 3)
 
@@ -90,9 +90,9 @@ class _PointsOnSurface(Layout):
 
 def _edges(section: np.ndarray, stream: np.ndarray) -> np.ndarray:
     """Leading and trailing edge, shape (2, 3), of points (n, 3) of a section."""
-    # 1. The trailing edge is the point furthest downstream, or half-way between the outer two of those.
+    # 1. The trailing edge is the point furthest downstream, or midway between the outer two such points.
     # 2. The leading edge is the point furthest from it.
-    # 3. Between points it is where the parabola through the nearest ones has its vertex.
+    # 3. Between points it is the vertex of the parabola through the nearest ones.
     along = section @ stream
     if not len(section) or not np.ptp(along):
         return np.zeros((2, 3))
@@ -119,7 +119,7 @@ def _edges(section: np.ndarray, stream: np.ndarray) -> np.ndarray:
 
 
 def _across(section: np.ndarray, stream: np.ndarray) -> np.ndarray:
-    """Direction at right angles to the stream in which a section is largest."""
+    """Direction perpendicular to the stream in which a section is largest."""
     flat = section - section.mean(axis=0)
     flat = flat - (flat @ stream)[:, None] * stream
     return np.linalg.svd(flat, full_matrices=False)[2][0]

@@ -1,8 +1,8 @@
-"""Shapes that are added to sections as one curve: bumps, class-shape functions, modes of camber and thickness.
+"""Shapes added to sections as one curve: bumps, class-shape functions, camber and thickness modes.
 
-Each is a height normal to the chord line, as a function of the part of the chord and of the side; a value counts for
-the section as a whole, whatever number of planes, cells and control points there are across the span. All are linear in
-their values. Theory: ``docs/theory/parametrization.rst``, "Sections as one curve".
+Each is a height normal to the chord line, as a function of chordwise position and side. A value applies to the whole
+section, whatever the number of planes, cells and control points across the span. All are linear in their values.
+Theory: ``docs/theory/parametrization.rst``, "Sections as one curve".
 
 References
 ----------
@@ -38,20 +38,20 @@ SIDES = {"upper": 1.0, "lower": -1.0}
 """Sides of a section, and their signs."""
 
 MOST = 50
-"""Modes of one kind at most: beyond, Bernstein polynomials are sharper than control points can follow."""
+"""Maximum number of modes of one kind: beyond it, Bernstein polynomials are sharper than control points can follow."""
 
 
 @dataclass(frozen=True, eq=False)
 class OfSections(OneLine, ABC):
-    """Heights in chords that are added to sections, normal to their chord lines."""
+    """Heights in chords added to sections, normal to their chord lines."""
 
     units: ClassVar[str | None] = None
     auxiliary: ClassVar[tuple[AuxiliaryPoints, ...]] = ()
 
     name: str  # name of the input of `SurfaceControl`
-    # along which stations are; the straight line along the span by default
+    # axis of the stations; the straight line along the span by default
     axis: ReferenceAxis | None = field(default=None, kw_only=True)
-    # how many sections have values of their own, evenly from the root to the tip, or where they are
+    # number of sections with values of their own, evenly from the root to the tip, or their positions
     stations: int | Sequence[float] = field(default=1, kw_only=True)
     # order of the spline between them: 2 straight lines, 4 cubics
     order: int = field(default=4, kw_only=True)
@@ -73,52 +73,52 @@ class OfSections(OneLine, ABC):
 
     @abstractmethod
     def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
-        """Return the heights of a unit of each value.
+        """Return the heights for a unit of each value.
 
         Parameters
         ----------
         parts : ndarray, shape (n,)
-            Parts of the chord: 0 at the leading, 1 at the trailing edge.
+            Fractions of the chord: 0 at the leading, 1 at the trailing edge.
         sides : ndarray, shape (n,)
             1 on the upper side, -1 on the lower one.
 
         Returns
         -------
         ndarray, shape (n, n_values)
-            In chords, upwards positive; those of one section.
+            Heights in one section, in chords, upwards positive.
         """
 
 
 @dataclass(frozen=True, eq=False)
 class HicksHenne(OfSections):
-    r"""Add bumps of Hicks and Henne to the sides of sections; values are heights in chords, upwards positive.
+    r"""Add Hicks-Henne bumps to the sides of sections; values are heights in chords, upwards positive.
 
-    The bump at the part m of the chord is :math:`\sin^w(\pi x^{\ln 0.5 / \ln m})`: 1 there, and 0 at both edges of the
-    section, which stay where they are. There is one value for each place, on each side: the upper ones first.
+    The bump at the fraction m of the chord is :math:`\sin^w(\pi x^{\ln 0.5 / \ln m})`: 1 there, and 0 at both edges of
+    the section, which stay in place. There is one value for each place on each side, upper ones first.
 
     Parameters
     ----------
     name : str
         Name of the design variable, an input of `GridMovement`; 0 on the baseline.
     at : int or sequence of float
-        Parts of the chord where the bumps are highest, or how many, closer together at the edges:
+        Fractions of the chord where the bumps are highest, or their number, clustered towards the edges:
         ``(1 - cos(pi k / (n + 1))) / 2``.
     power : float or sequence of float
-        Power of the sine, of all bumps or of each: the larger, the narrower they are.
+        Power of the sine, for all bumps or for each: the larger, the narrower.
     sides : str or sequence of str
         ``"upper"``, ``"lower"``, or both.
     axis : ReferenceAxis, optional
-        Along which stations are; the straight line along the span by default.
+        Axis of the stations; the straight line along the span by default.
     stations : int or sequence of float
-        How many sections have values of their own, evenly from the first point of the axis (0) to the last (1), or
-        where they are. One is a value for all: that of a section.
+        Number of sections with values of their own, evenly from the first point of the axis (0) to the last (1), or
+        their positions. A single station is a value for all.
     order : int
         Order of the spline between stations: 2 straight lines, 4 cubics.
 
     Raises
     ------
     InputError
-        If a place is no part of the chord, or the bump so near to the nose that it makes a kink there.
+        If a place is not between 0 and 1, or the bump is so near to the nose that it makes a kink there.
 
     Examples
     --------
@@ -172,7 +172,7 @@ class HicksHenne(OfSections):
         return [sign for side, sign in SIDES.items() if side in names] if is_good else []
 
     def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
-        """Heights of every bump, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""
+        """Heights of every bump, shape (n, n_values), at chord fractions and sides, each of shape (n,)."""
         exponents = np.log(0.5) / np.log(self._places)
         waves = np.sin(np.pi * parts[:, None] ** exponents)
         bumps = np.where(parts[:, None] < 1.0, np.maximum(waves, 0.0), 0.0) ** self._powers
@@ -183,10 +183,10 @@ class HicksHenne(OfSections):
 class ClassShape(OfSections):
     r"""Add class-shape functions (CST) to the sides of sections; values are weights, in chords, upwards positive.
 
-    Weight k of a side counts for :math:`x^{N_1} (1 - x)^{N_2} \, B_k^n(x)` with the Bernstein polynomials of degree n.
-    The first one is that of both sides, up on the upper and down on the lower one: it is the radius of the nose, which
-    stays round. Values are, in this order, that first weight, weights 1 to n of the upper side, weights 1 to n of the
-    lower side, and the height of the trailing edge.
+    Weight k of a side multiplies :math:`x^{N_1} (1 - x)^{N_2} \, B_k^n(x)` with the Bernstein polynomials of degree n.
+    The first weight belongs to both sides, up on the upper and down on the lower one: it sets the radius of the nose,
+    which stays round. Values are, in this order, that first weight, weights 1 to n of the upper side, weights 1 to n of
+    the lower side, and the height of the trailing edge.
 
     Parameters
     ----------
@@ -197,17 +197,17 @@ class ClassShape(OfSections):
     exponents : tuple of float
         Exponents N1 and N2 of the class function: (0.5, 1) for a round nose and a wedge at the trailing edge.
     nose : bool
-        Whether the first weight is a value; otherwise the radius of the nose stays.
+        Whether the first weight is a value; otherwise the nose radius is fixed.
     trailing : bool
-        Whether the height of the trailing edge is a value: both sides move up by it in proportion to the part of the
-        chord. The leading edge stays in any case.
+        Whether the height of the trailing edge is a value: both sides move up by it in proportion to the chord
+        fraction. The leading edge always stays.
     axis, stations, order
-        As of `HicksHenne`.
+        As for `HicksHenne`.
 
     Raises
     ------
     InputError
-        If the degree is no whole number from 1 on, or an exponent is not positive.
+        If the degree is not an integer from 1 on, or an exponent is not positive.
 
     Examples
     --------
@@ -234,7 +234,7 @@ class ClassShape(OfSections):
             )
 
     def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
-        """Heights of every weight, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""
+        """Heights of every weight, shape (n, n_values), at chord fractions and sides, each of shape (n,)."""
         first, second = self.exponents
         functions = (parts**first * (1.0 - parts) ** second)[:, None] * bernstein(self.degree, parts)
         of_sides = [functions[:, 1:] * (sides == sign)[:, None] for sign in SIDES.values()]
@@ -244,7 +244,7 @@ class ClassShape(OfSections):
 
 @dataclass(frozen=True, eq=False)
 class _Counted(OfSections):
-    """A number of shapes that the user chooses."""
+    """A number of shapes chosen by the user."""
 
     n: int = 4
 
@@ -255,27 +255,27 @@ class _Counted(OfSections):
 
 @dataclass(frozen=True, eq=False)
 class CamberModes(_Counted):
-    """Add camber modes to sections, with both sides moving alike; values are heights in chords, upwards positive.
+    """Add camber modes to sections, moving both sides equally; values are heights in chords, upwards positive.
 
-    The modes are the Bernstein polynomials of degree n + 1 but for the first and the last, divided by their largest
-    values: that of one mode is the parabola of `Camber`. Both edges stay where they are, unless their modes, the first
-    and the last polynomial, are values as well: before and behind the others.
+    The modes are the Bernstein polynomials of degree n + 1 without the first and the last, divided by their largest
+    values: a single mode is the parabola of `Camber`. Both edges stay in place, unless their modes, the first and the
+    last polynomial, are values as well, placed before and after the others.
 
     Parameters
     ----------
     name : str
         Name of the design variable, an input of `GridMovement`; 0 on the baseline.
     n : int
-        Number of modes without those of the edges.
+        Number of modes, not counting the edges.
     leading, trailing : bool
         Whether the heights of the edges are values.
     axis, stations, order
-        As of `HicksHenne`.
+        As for `HicksHenne`.
 
     Raises
     ------
     InputError
-        If n is no whole number from 1 on.
+        If n is not an integer from 1 on.
 
     Examples
     --------
@@ -293,7 +293,7 @@ class CamberModes(_Counted):
     trailing: bool = field(default=False, kw_only=True)
 
     def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
-        """Heights of every mode, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""
+        """Heights of every mode, shape (n, n_values), at chord fractions and sides, each of shape (n,)."""
         degree = self.n + 1
         scaled = bernstein(degree, parts) / np.diag(bernstein(degree, np.arange(degree + 1) / degree))
         return scaled[:, int(not self.leading) : degree + int(self.trailing)]
@@ -301,10 +301,10 @@ class CamberModes(_Counted):
 
 @dataclass(frozen=True, eq=False)
 class ThicknessModes(_Counted):
-    r"""Add thickness modes to sections, whose sides move apart; values are thicknesses in chords.
+    r"""Add thickness modes to sections, moving their sides apart; values are thicknesses in chords.
 
-    The modes are :math:`\sqrt x \, B_k^n(x)` for k from 0 to n - 1, half of it up and half of it down, divided by their
-    largest values. Both edges stay where they are, and the nose stays round; the first mode changes its radius.
+    The modes are :math:`\sqrt x \, B_k^n(x)` for k from 0 to n - 1, half upwards and half downwards, divided by their
+    largest values. Both edges stay in place, and the nose stays round; the first mode changes its radius.
 
     Parameters
     ----------
@@ -313,15 +313,14 @@ class ThicknessModes(_Counted):
     n : int
         Number of modes.
     nose : bool
-        Whether the first of them changes the radius of the nose; otherwise they are those for k from 1 to n, of degree
-        n + 1.
+        Whether the first mode changes the nose radius; otherwise k is from 1 to n, and the degree n + 1.
     axis, stations, order
-        As of `HicksHenne`.
+        As for `HicksHenne`.
 
     Raises
     ------
     InputError
-        If n is no whole number from 1 on.
+        If n is not an integer from 1 on.
 
     Examples
     --------
@@ -336,7 +335,7 @@ class ThicknessModes(_Counted):
     nose: bool = field(default=True, kw_only=True)
 
     def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
-        """Heights of every mode, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""
+        """Heights of every mode, shape (n, n_values), at chord fractions and sides, each of shape (n,)."""
         first = 0 if self.nose else 1
         degree, numbers = self.n + first, np.arange(first, self.n + first)
         highest = (numbers + 0.5) / (degree + 0.5)  # where the derivative is zero
@@ -346,26 +345,26 @@ class ThicknessModes(_Counted):
 
 @dataclass(frozen=True, eq=False)
 class ThicknessPoints(_Counted):
-    r"""Add a spline of thickness to sections, whose sides move apart; values are its control points in chords.
+    r"""Add a thickness spline to sections, moving their sides apart; values are its control points in chords.
 
-    The spline is cubic and odd in :math:`\sqrt x`, so that the nose stays round. Its knots are closer together at the
-    edges: of n values ``(1 - cos(pi k / n)) / 2``. Control points at the edges stay; the first value changes the radius
-    of the nose, the last one the angle of the trailing edge. Each counts for a part of the section alone, and where
-    none is negative the section is nowhere thinner.
+    The spline is cubic and odd in :math:`\sqrt x`, so the nose stays round. Its knots cluster towards the edges: for n
+    values ``(1 - cos(pi k / n)) / 2``. Control points at the edges stay; the first value changes the nose radius, the
+    last one the trailing-edge angle. Each value affects only a part of the section, and if none is negative the section
+    is nowhere thinner.
 
     Parameters
     ----------
     name : str
         Name of the design variable, an input of `GridMovement`; 0 on the baseline.
     n : int
-        Number of control points but those of the edges.
+        Number of control points, not counting the edges.
     axis, stations, order
-        As of `HicksHenne`.
+        As for `HicksHenne`.
 
     Raises
     ------
     InputError
-        If n is no whole number from 1 on.
+        If n is not an integer from 1 on.
 
     Examples
     --------
@@ -380,7 +379,7 @@ class ThicknessPoints(_Counted):
     n: int = 9
 
     def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
-        """Heights of every control point, shape (n, n_values), at parts of the chord and sides, each of shape (n,)."""
+        """Heights of every control point, shape (n, n_values), at chord fractions and sides, each of shape (n,)."""
         knots = np.sin(0.5 * np.pi * np.arange(-self.n, self.n + 1) / self.n)
         basis = BSpline.design_matrix(np.sqrt(parts), np.pad(knots, 3, "edge"), 3).toarray()
         odd = basis - basis[:, ::-1]
@@ -388,12 +387,12 @@ class ThicknessPoints(_Counted):
 
 
 def bernstein(degree: int, parts: np.ndarray) -> np.ndarray:
-    """Bernstein polynomials of a degree at parts, shape (n,); shape (n, degree + 1)."""
+    """Bernstein polynomials of a degree at chord fractions, shape (n,); shape (n, degree + 1)."""
     k = np.arange(degree + 1)
     return comb(degree, k) * parts[:, None] ** k * (1.0 - parts[:, None]) ** (degree - k)
 
 
 def _require_whole(value: int, name: str, what: str) -> None:
-    """Refuse what is no number of modes."""
+    """Refuse an invalid number of modes."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= MOST:
         raise InputError(f"'{name}': {what} {value!r}; give a whole number from 1 to {MOST}")

@@ -1,7 +1,6 @@
-"""Selections of surface control points: by patch, box, block, nearness, plane or number, and their combinations.
+"""Selections of surface control points: by patch, box, block, proximity, plane or number, and their combinations.
 
-A selection is a small object that is resolved on the baseline of a mesh. Selections combine with ``&``, ``|`` and
-``~``::
+A selection is a small object resolved on the baseline of a mesh. Selections combine with ``&``, ``|`` and ``~``::
 
     where = OnPatch(model, "wing*") & ~InBox(high=(None, None, 0.1))
 
@@ -40,7 +39,7 @@ __all__ = [
 ]
 
 TOUCHING = 1e-9
-"""Distance, relative to the size of the mesh, up to which a point counts as on a limit: round-off of fitted points."""
+"""Distance, relative to the size of the mesh, up to which a point is on a limit: round-off of fitted points."""
 
 
 class Selection(OneLine, ABC):
@@ -52,7 +51,7 @@ class Selection(OneLine, ABC):
 
     @abstractmethod
     def __str__(self) -> str:
-        """Describe the selection so that messages can say 'no point is ...'."""
+        """Describe the selection for messages such as 'no point is ...'."""
 
     def rows(self, mesh: MovingMesh) -> np.ndarray:
         """Rows of the selected points in ``mesh.surface_ids``, ascending."""
@@ -130,9 +129,9 @@ class OnPatch(Selection):
     Parameters
     ----------
     model : FittedModel or MeshModel
-        The model that the mesh was made of.
+        The model of the mesh.
     patches : str or sequence of str
-        Patches by name or pattern (``"wing*"``), of a mesh without structure its walls.
+        Patches by name or pattern (``"wing*"``); for an unstructured mesh its walls.
 
     Examples
     --------
@@ -147,7 +146,7 @@ class OnPatch(Selection):
     True
     """
 
-    model: Any  # of mesh and topology, or of a mesh without structure
+    model: Any  # with mesh and topology, or of an unstructured mesh
     patches: str | Sequence[str]
 
     def mask(self, mesh: MovingMesh) -> np.ndarray:
@@ -156,7 +155,7 @@ class OnPatch(Selection):
         is_of_nodes = not mesh.blocks and len(mesh.markers) > 0  # see `bspline_mdao.core.mesh.node_mesh`
         if not is_of_nodes and [ids.shape for ids in model.control_ids] != [ids.shape for ids in mesh.blocks]:
             raise InputError(f"selection: the mesh is not of {model.source}; give OnPatch the model of the mesh")
-        if mesh.markers:  # of a mesh without structure
+        if mesh.markers:  # an unstructured mesh
             wanted = matching_names([name for name, *_ in mesh.markers], self.patches, model.source)
             found = [ids for name, ids, _ in mesh.markers if name in wanted]
         else:
@@ -172,7 +171,7 @@ class OnPatch(Selection):
 
 def designed_patches(model: Any, mesh: MovingMesh) -> tuple[str, ...]:
     """Names of the patches of a model whose control points are all on the design surface of its mesh."""
-    if mesh.markers:  # of a mesh without structure
+    if mesh.markers:  # an unstructured mesh
         sides = [(name, ids) for name, ids, _ in mesh.markers]
     else:
         sides = [(face.patch, ids) for face, ids in boundary_points(model.topology, model.control_ids) if face.patch]
@@ -187,7 +186,7 @@ class InBox(Selection):
     Parameters
     ----------
     low, high : sequence of three (float or None)
-        Ends of the box in x, y and z (m); None where it has none.
+        Ends of the box in x, y and z (m); None if there is none.
 
     Examples
     --------
@@ -229,7 +228,7 @@ class InBlock(Selection):
     block : int
         Block of the mesh, from 0.
     index : index expression
-        What of the block's control points, as numpy indexes an array: ``np.s_[:, 0, 2:5]``. Indices are from 0.
+        Which of the block's control points, as numpy indexes an array: ``np.s_[:, 0, 2:5]``. Indices are from 0.
 
     Examples
     --------
@@ -266,7 +265,7 @@ class InBlock(Selection):
 
 @dataclass(frozen=True, eq=False)
 class Nearest(Selection):
-    """Points nearest to given places, with all points that coincide with them, such as across a thin plate.
+    """Points nearest to given places, with all points that coincide with them, for example across a thin plate.
 
     Parameters
     ----------
@@ -306,7 +305,7 @@ class Nearest(Selection):
 
 @dataclass(frozen=True, eq=False)
 class OnSideOfPlane(Selection):
-    """Points on the side of a plane that its normal points to, the plane included.
+    """Points on the side of a plane to which its normal points, including the plane.
 
     Parameters
     ----------
@@ -418,7 +417,7 @@ def _limits(ends: Sequence[float | None], without: float) -> np.ndarray:
 
 
 def _indices(part: Any) -> str:
-    """An index as it is written."""
+    """An index in Python notation."""
     if part is ...:
         return "..."
     if not isinstance(part, slice):

@@ -1,8 +1,8 @@
 """Faces of blocks on the design surface, and the strips of faces that share the knots of one direction.
 
-A knot that is inserted into a face runs through all faces that it meets across edges: knots belong to *strips*. The
-knots of a strip are the mean of those of all its edges, so that faces agree along the edges that they share, also where
-the knots of the volumes are curved. Theory: ``docs/theory/progressive.rst``.
+A knot inserted into a face runs through all faces that it meets across edges: knots belong to *strips*. The knots of a
+strip are the mean over all its edges, so faces agree along shared edges even if the knots of the volumes are curved.
+Theory: ``docs/theory/progressive.rst``.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Face(OneLine):
     """A face of a block on the design surface."""
 
     rows: np.ndarray  # int (n0, n1), its control points, rows of ``mesh.surface_ids``
-    strips: tuple[int, int]  # strip of either direction
+    strips: tuple[int, int]  # strip of each direction
     is_reversed: tuple[bool, bool]  # whether the strip runs against the direction
 
 
@@ -41,8 +41,7 @@ class Strip(OneLine):
 
     knots: ConstantKnots  # mean of the knots on all edges along the strip
     direction: np.ndarray  # (3,), mean direction of its edges in space, of length one
-    # whether the strip comes back to an edge of its own the other way round: what is done to a knot is then done to its
-    # mirror image
+    # whether the strip returns to one of its own edges reversed: a change of a knot is then applied to its mirror image
     is_symmetric: bool
 
     @property
@@ -61,11 +60,10 @@ class SurfaceStrips(OneLine):
 
     @classmethod
     def of(cls, model: FittedModel, mesh: MovingMesh) -> SurfaceStrips:
-        """Find the faces of a fitted grid that are on the design surface of its mesh."""
-        # 1. Faces that share an edge have the same knots along it; so have the two edges of a face that face each
-        #    other.
-        # 2. Each direction of a face is a node, once ahead and once reversed; edges that are shared join nodes.
-        # 3. What hangs together is a strip.
+        """Find the faces of a fitted grid on the design surface of its mesh."""
+        # 1. Faces that share an edge have the same knots along it, and so do opposite edges of a face.
+        # 2. Each direction of a face is a node, once forward and once reversed; shared edges join nodes.
+        # 3. A connected component is a strip.
         require_mesh_of(model, mesh, "a coarse net: the mesh")
         found = []
         for face, number, side in boundary_sides(model.topology):
@@ -100,12 +98,12 @@ class SurfaceStrips(OneLine):
 
 
 def in_one_direction(knots: ConstantKnots, is_reversed: bool) -> ConstantKnots:
-    """Return knots, or those of the other way round."""
+    """Return knots, or the knots in reverse direction."""
     return ConstantKnots(1.0 - knots.knots[::-1], knots.order) if is_reversed else knots
 
 
 def face_edges(rows: np.ndarray) -> tuple[tuple[int, np.ndarray, tuple], ...]:
-    """Return the four edges of a face: the direction that each is along, its rows, and where they are in the face."""
+    """Return the four edges of a face: the direction of each, its rows, and their location in the face."""
     whole = slice(None)
     return tuple(
         (direction, rows[where], where)
@@ -114,7 +112,7 @@ def face_edges(rows: np.ndarray) -> tuple[tuple[int, np.ndarray, tuple], ...]:
 
 
 def _face_knots(volume: Volume, side: int) -> tuple[ConstantKnots, ConstantKnots]:
-    """Mean knots of the two edges along either direction of a side of a volume."""
+    """Mean knots of the two edges along each direction of a side of a volume."""
     across, end = side // 2, float(side % 2)
     along = [d for d in range(3) if d != across]
     found = []
@@ -128,7 +126,7 @@ def _face_knots(volume: Volume, side: int) -> tuple[ConstantKnots, ConstantKnots
 
 
 def _labels(faces: list[np.ndarray]) -> np.ndarray:
-    """Label every direction of every face, ahead and reversed, by what it hangs together with: (n_faces, 2, 2)."""
+    """Label every direction of every face, forward and reversed, by its connected component: (n_faces, 2, 2)."""
     seen: dict[tuple, tuple[int, bool]] = {}
     pairs = []
     for number, rows in enumerate(faces):
@@ -148,5 +146,5 @@ def _labels(faces: list[np.ndarray]) -> np.ndarray:
 
 
 def _chord(net: np.ndarray, direction: int) -> np.ndarray:
-    """Mean way from one end of a net to the other along one of its directions."""
+    """Mean vector from one end of a net to the other along one of its directions."""
     return (np.take(net, -1, axis=direction) - np.take(net, 0, axis=direction)).mean(axis=0)

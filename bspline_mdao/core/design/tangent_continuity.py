@@ -1,4 +1,4 @@
-"""Seams between sides of blocks stay smooth: one tangent plane on either side (G1), as linear equations.
+"""Smooth seams between sides of blocks: one tangent plane for both sides (G1), as linear equations.
 
 Theory: ``docs/theory/linear_constraints.rst``.
 """
@@ -23,53 +23,53 @@ from .selection import Where, rows_of
 __all__ = ["TangentContinuity"]
 
 COARSEST = 0.1
-"""Largest part of the largest singular value below which equations do not count, however large kinks are."""
+"""Largest fraction of the largest singular value below which equations are dropped, however large kinks are."""
 
 EXACT = 1e-12
-"""Least such part: what is smaller is round-off."""
+"""Smallest such fraction: anything smaller is round-off."""
 
 NEIGHBOUR, FOLLOWER = 0.01, 0.1
-"""How much less points beside a seam count than those on it where those that follow are chosen, also if asked for."""
+"""Preference as dependent points of neighbours of a seam relative to points on it, by default and if requested."""
 
 SNAP = 0.003
-"""Damping of a step that takes kinks away, as a part of the largest singular value."""
+"""Damping of a step that removes kinks, as a fraction of the largest singular value."""
 
 MOST_STEPS = 20
-"""Steps that take kinks away, at most."""
+"""Maximum number of steps that remove kinks."""
 
 NO_KINK = 1e-9
-"""Kink that is none (deg)."""
+"""Kink that counts as zero (deg)."""
 
 GAIN = 0.9
-"""A step that leaves more than this part of the largest kink is the last."""
+"""A step that leaves more than this fraction of the largest kink is the last."""
 
 
 @dataclass(frozen=True, eq=False)
 class TangentContinuity(OneLine):
-    """Seams between sides of blocks keep one tangent plane (G1), at noses as well as within a surface, and at poles.
+    """Keep one tangent plane (G1) at seams between sides of blocks, at noses, within a surface, and at poles.
 
-    All along a seam the derivatives into both sides and the one along it keep the relation ``L + r R + s T = 0`` that
-    they have on the baseline; the control points around a pole, at which an edge has collapsed, stay in one plane with
-    it. The points on the seam follow those on either side, where nothing else constrains them.
+    Everywhere on a seam the derivatives into both sides and the one along it keep their baseline relation
+    ``L + r R + s T = 0``; the control points around a pole, where an edge has collapsed, stay in one plane with it. The
+    points on the seam follow their neighbours on both sides, unless something else constrains them.
 
     Parameters
     ----------
     where : Selection, array_like of int or None
-        Points on seams, as rows of ``mesh.surface_ids`` in case of numbers; what else is selected does not count. By
-        default all at which the baseline is smooth.
+        Points on seams; numbers are rows of ``mesh.surface_ids``, and other selected points are ignored. By default all
+        seam points where the baseline is smooth.
     max_kink : float
-        Largest angle between the tangent planes of the baseline at which it counts as smooth (deg).
+        Largest angle between the baseline's tangent planes that counts as smooth (deg).
     tolerance : float
-        The part of a kink that may remain, about: combinations of control points that do less to the relation, as a
-        part of those that do most, stay free. With 0.1, the most, only points on seams follow; with less also some
-        beside them. 1e-12, the least, asks for all that knots permit: where grid lines meet obliquely at the seam, its
-        edge then moves as one polynomial. A baseline with kinks does not know its relations better than to these, in
-        radians, so that these count where they are larger, up to 0.1.
+        Approximate fraction of a kink that may remain: combinations of control points whose effect on the relation,
+        relative to the largest, is smaller stay free. With 0.1, the largest value, only points on seams become
+        dependent; with smaller values also some next to them. 1e-12, the smallest, enforces all that knots permit: if
+        grid lines meet obliquely at the seam, its edge then moves as one polynomial. A baseline with kinks defines its
+        relations only to within these, in radians, so larger kinks replace the tolerance, up to 0.1.
     followers : Selection, array_like of int or None
-        Points beside seams that should rather follow than others: those which no variable moves.
+        Points next to seams preferred as dependent points: points that no variable moves.
     mirror : bool
-        Hold edges in planes of symmetry as well, where the other side is the mirror image: the surface stays at right
-        angles to the plane. A plane in which the surface was asked to slide counts as one of symmetry.
+        Constrain edges in symmetry planes as well, where the other side is the mirror image: the surface stays
+        perpendicular to the plane. A plane in which the surface slides counts as a symmetry plane.
     name : str
         For messages.
 
@@ -99,12 +99,12 @@ class TangentContinuity(OneLine):
             )
 
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
-        """Equations ``L + r R + s T = 0`` on the derivatives of displacements, all along the smooth parts of seams.
+        """Equations ``L + r R + s T = 0`` on the derivatives of displacements, along all smooth parts of seams.
 
         Raises
         ------
         InputError
-            If no point is on a seam, or the baseline has a kink at one that was asked for.
+            If no point is on a seam, or the baseline has a kink at a requested one.
         """
         relations = self._relations(mesh, points, is_linear=True)
         relations = relations.part(self._chosen(mesh, relations))
@@ -120,11 +120,11 @@ class TangentContinuity(OneLine):
         return Equations(csr_array(reduced @ allowed.T), main[dependents] // 3, main[dependents])
 
     def snapped(self, mesh: MovingMesh, points: np.ndarray) -> np.ndarray:
-        """Points whose seams are smooth: small changes that take away what kinks there are.
+        """Points with smooth seams: small changes that remove existing kinks.
 
-        A fit has small kinks, which the equations keep: they are about displacements. Begin from these points instead.
-        Steps of Gauss and Newton, each the least in the sum of squares but for its damping, as long as the largest kink
-        falls.
+        A fit has small kinks, which the equations preserve, since they constrain displacements. Start from these points
+        instead. They come from damped Gauss-Newton steps, each the least in the sum of squares, as long as the largest
+        kink decreases.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class TangentContinuity(OneLine):
         return points
 
     def _relations(self, mesh: MovingMesh, points: np.ndarray, *, is_linear: bool) -> SeamRelations:
-        """Relations at all places of all seams and poles."""
+        """Relations at all places on all seams and poles."""
         seams = seams_of_mesh(mesh) + (mirror_seams_of_mesh(mesh) if self.mirror else [])
         parts = [relations_along(seam, points, mesh.size) for seam in seams]
         parts += [pole_relations(pole, points, mesh.size, is_linear=is_linear) for pole in poles_of_mesh(mesh)]
@@ -201,10 +201,10 @@ def _allowed(mesh: MovingMesh) -> csr_array:
 
 
 def _on(allowed: csr_array, relations: SeamRelations) -> csr_array:
-    """Weights of allowed displacements in the combinations of points that are to vanish, shape (3 n, n_free)."""
+    """Weights of allowed displacements in the combinations of points that must vanish, shape (3 n, n_free)."""
     scaled = diags_array(relations.sizes, format="csr") @ relations.weights
     n, mirrors = len(relations.at), relations.mirrors
-    blocks = np.eye(3) - mirrors[:, :, None] * mirrors[:, None, :]  # only what lies in planes of symmetry
+    blocks = np.eye(3) - mirrors[:, :, None] * mirrors[:, None, :]  # only components in symmetry planes
     in_planes = bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n)).tocsr()
     found = csr_array(csr_array(in_planes @ kron(scaled, eye_array(3), format="csr")) @ allowed)
     found.eliminate_zeros()
@@ -212,7 +212,7 @@ def _on(allowed: csr_array, relations: SeamRelations) -> csr_array:
 
 
 def _normal_parts(relations: SeamRelations, points: np.ndarray, allowed: csr_array) -> tuple[csr_array, np.ndarray]:
-    """Derivatives of the parts of all relations along the mean normals, and these parts."""
+    """Derivatives of the components of all relations along the mean normals, and these components."""
     n = len(relations.at)
     columns = 3 * np.arange(n)[:, None] + np.arange(3)
     entries = (relations.normals.ravel(), (np.repeat(np.arange(n), 3), columns.ravel()))

@@ -1,4 +1,4 @@
-"""Design variables that the user defines, as a function of the surface control points with its derivative.
+"""User-defined design variables: a function of the surface control points with its derivative.
 
 Theory: ``docs/theory/parametrization.rst``.
 """
@@ -20,13 +20,13 @@ from .variable import AuxiliaryPoints, Layout, MapPartials, block_diagonal, sum_
 __all__ = ["UserVariable"]
 
 STAYS = 1e-9
-"""Distance, relative to the size of the mesh, that the initial values may move points by: round-off of the user's own
+"""Distance, relative to the size of the mesh, by which the initial values may move points: round-off of the user's
 formula, far below the width of any cell."""
 
 
 @dataclass(frozen=True, eq=False)
 class UserVariable(OneLine):
-    """Move the surface control points by a function of yours.
+    """Move the surface control points by your own function.
 
     Parameters
     ----------
@@ -35,14 +35,14 @@ class UserVariable(OneLine):
     initial : array_like, shape (n_values,)
         Values at which nothing moves.
     function : callable
-        ``function(points, values)`` returns moved points, shape (n_surface, 3), of points of that shape (m), in the
+        ``function(points, values)`` returns moved points, shape (n_surface, 3), from points of that shape (m), in the
         order of ``mesh.surface_ids``, and values, shape (n_values,). It must not change its arguments.
     derivative : callable
         ``derivative(points, values)`` returns ``(d_points, d_values)``. With respect to the points: a sparse or dense
-        matrix, shape (3 n_surface, 3 n_surface), or blocks of shape (n_surface, 3, 3) where every point moves by
-        itself; with respect to the values: a sparse or dense matrix, shape (3 n_surface, n_values), or an array of
-        shape (n_surface, 3, n_values). Coordinates are interleaved. A sparse matrix has an entry wherever there is one
-        for any points and values.
+        matrix, shape (3 n_surface, 3 n_surface), or blocks of shape (n_surface, 3, 3) if every point moves
+        independently; with respect to the values: a sparse or dense matrix, shape (3 n_surface, n_values), or an array
+        of shape (n_surface, 3, n_values). Coordinates are interleaved. A sparse matrix must have an entry wherever
+        there is one for any points and values.
     units : str, optional
         Units of the values.
 
@@ -69,7 +69,7 @@ class UserVariable(OneLine):
         Raises
         ------
         InputError
-            If they do not return what they should, or the initial values move points.
+            If their results are invalid, or the initial values move points.
         """
         initial = np.atleast_1d(np.array(self.initial, dtype=float))
         if initial.ndim != 1 or not np.isfinite(initial).all():
@@ -91,7 +91,7 @@ class _UserMap(OneLine):
     initial: np.ndarray
 
     def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Move all rows, shape (n_rows, 3), in metres; complex where the function can be."""
+        """Move all rows, shape (n_rows, 3), in metres; complex if the function supports it."""
         surface = points[self.layout.rows()]
         moved = np.asarray(self.variable.function(surface, values))
         if moved.shape != surface.shape:
@@ -103,7 +103,7 @@ class _UserMap(OneLine):
         return np.concatenate([moved, points[self.layout.n_surface :]])
 
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
-        """Differentiate `apply`, with the entries that there are on the baseline."""
+        """Differentiate `apply`, with the baseline's entries."""
         found = self._derivatives(points[self.layout.rows()], values)
         filled = [sum_on_pattern(0.0 * pattern, matrix) for pattern, matrix in zip(self._pattern, found)]
         for pattern, matrix in zip(self._pattern, filled):

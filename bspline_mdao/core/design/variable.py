@@ -1,9 +1,9 @@
-"""The interface of every design variable: a map of points with values, and what such maps are made of.
+"""The interface of every design variable: a map of points with values, and building blocks of such maps.
 
-All points that design variables move are rows of one array: first the surface control points, then auxiliary points,
-such as those of reference axes and lattices, which move along. A variable is a small object of settings; bound to a
-`Layout` of rows it is a `DesignMap`. A user's own variable is any object with the four members of `Variable`. Theory:
-``docs/theory/parametrization.rst``.
+All points moved by design variables are rows of one array: first the surface control points, then auxiliary points,
+such as points of reference axes and lattices, which move with the surface. A variable is a small object of settings;
+bound to a `Layout` of rows it is a `DesignMap`. A user's own variable is any object with the four members of
+`Variable`. Theory: ``docs/theory/parametrization.rst``.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ __all__ = [
 ]
 
 _STEP = 1e-40
-"""Complex step: as nothing is subtracted, it may be so small that its square vanishes beside one."""
+"""Complex step: nothing is subtracted, so it may be so small that its square vanishes relative to one."""
 
 
 class AuxiliaryPoints(Protocol):
-    """An object with points that move along when variables move the surface: a reference axis, a lattice."""
+    """An object with points that move with the surface: a reference axis, a lattice."""
 
     @property
     def points(self) -> np.ndarray:
@@ -46,7 +46,7 @@ class AuxiliaryPoints(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Layout(OneLine):
-    """The rows that variables move."""
+    """The rows moved by variables."""
 
     mesh: MovingMesh  # its surface points are the first rows, in the order of ``mesh.surface_ids``
     auxiliary: tuple[AuxiliaryPoints, ...] = ()  # the rows of their points follow, in this order
@@ -58,11 +58,11 @@ class Layout(OneLine):
 
     @cached_property
     def points(self) -> np.ndarray:
-        """All rows on the baseline (m), shape (n_rows, 3); what is decided once and for all is decided on them."""
+        """All rows on the baseline (m), shape (n_rows, 3), from which everything constant is computed."""
         return np.concatenate([self.mesh.points[self.mesh.surface_ids], *(item.points for item in self.auxiliary)])
 
     def rows(self, auxiliary: AuxiliaryPoints | None = None) -> slice:
-        """Return the rows of one of the auxiliary objects; those of the surface by default."""
+        """Return the rows of one of the auxiliary objects; the surface rows by default."""
         if auxiliary is None:
             return slice(0, self.n_surface)
         start = self.n_surface
@@ -86,21 +86,21 @@ def sum_on_pattern(*matrices: csr_array) -> csr_array:
 
 
 def product_on_pattern(a: csr_array, b: csr_array) -> csr_array:
-    """Multiply two matrices, with an entry wherever entries of theirs meet, so that no zero changes the pattern."""
+    """Multiply two matrices, with an entry wherever their entries meet, so that no zero changes the pattern."""
     pattern = ones_like(a) @ ones_like(b)
     return sum_on_pattern(0.0 * pattern, a @ b)
 
 
 @dataclass(frozen=True, eq=False)
 class MapPartials:
-    """Derivatives of the moved rows, xyz interleaved. Their patterns do not depend on where they are taken."""
+    """Derivatives of the moved rows, xyz interleaved, with constant patterns."""
 
     points: csr_array  # (3 n_rows, 3 n_rows), with respect to the rows before
     values: csr_array  # (3 n_rows, n_values), with respect to the values of the variable
 
 
 class DesignMap(Protocol):
-    """A design variable that is bound to rows: decided on the baseline, applied anywhere."""
+    """A design variable bound to rows: set up on the baseline, applied anywhere."""
 
     @property
     def initial(self) -> np.ndarray:
@@ -126,10 +126,10 @@ class Variable(Protocol):
 
     @property
     def auxiliary(self) -> tuple[AuxiliaryPoints, ...]:
-        """The axes and lattices that the variable works with."""
+        """The axes and lattices used by the variable."""
 
     def bind(self, layout: Layout) -> DesignMap:
-        """Decide what depends on the baseline alone. `InputError` if the surface cannot be moved that way."""
+        """Compute what depends only on the baseline. `InputError` if the surface cannot be moved that way."""
 
 
 def block_diagonal(blocks: np.ndarray) -> csr_array:
@@ -139,5 +139,5 @@ def block_diagonal(blocks: np.ndarray) -> csr_array:
 
 
 def rates_of(function: Callable[[np.ndarray], np.ndarray], amounts: np.ndarray) -> np.ndarray:
-    """Derivatives of a function of single amounts, shape (n,), by a complex step; of the shape that it returns."""
+    """Derivatives of an elementwise function of amounts, shape (n,), by a complex step; in the shape it returns."""
     return function(amounts + 1j * _STEP).imag / _STEP
