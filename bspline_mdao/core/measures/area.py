@@ -22,14 +22,15 @@ from .measure import relative_to_baseline, single_row
 __all__ = ["ProjectedArea", "SurfaceArea", "planform_normal"]
 
 _COLLAPSED = 1e-12
-"""Area, relative to the square of the diagonal of the surface's box, up to which a quad does not count: there the area
-has no derivative."""
+"""Area, relative to the squared diagonal of the surface's box, up to which a quad is ignored: its area has no
+derivative."""
 
 _EDGE_ON = 1e-9
-"""Part of the normal along the direction below which a quad is seen from neither side: its sign would be round-off."""
+"""Component of the unit normal along the direction below which a quad is seen from neither side: its sign would be
+round-off."""
 
 _GAUSS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
-"""Gauss points of two on [0, 1]; their weights are 1/2."""
+"""The two Gauss points on [0, 1]; their weights are 1/2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class SurfaceArea(OneLine):
     surface : SurfaceGrid
         The surface.
     quads : ndarray of int, shape (n, 4)
-        Quads that count: those that have an area on the baseline.
+        Quads with an area on the baseline.
     scale : float
         Divisor of the area (m^2, or 1).
     units : str or None
@@ -51,8 +52,8 @@ class SurfaceArea(OneLine):
 
     Notes
     -----
-    By two Gauss points in each direction of every quad: exact for flat quads without a reflex corner, and for twisted
-    ones up to the fourth power of the change of the normal within the quad.
+    Uses two Gauss points in each direction of every quad: exact for flat quads without a reflex corner, and accurate
+    for twisted ones up to the fourth power of the change of the normal within the quad.
 
     Examples
     --------
@@ -102,7 +103,7 @@ class SurfaceArea(OneLine):
         return relative_to_baseline(measure, _COLLAPSED * surface.size**2) if relative else measure
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Area, shape (1,), of nodes, shape (n_points, 3)."""
+        """Area, shape (1,), from nodes, shape (n_points, 3)."""
         return np.array([_areas(points[self.quads]).sum() / self.scale])
 
     def partials(self, points: np.ndarray) -> csr_array:
@@ -122,8 +123,8 @@ class ProjectedArea(OneLine):
     direction : ndarray, shape (3,)
         Unit vector towards the observer.
     weights : ndarray, shape (n_quads,)
-        Weight with which the area of each quad counts: 1 where it faces the observer on the baseline, 0 where it looks
-        away, 1/2 where it is seen edge on.
+        Weight of each quad's area: 1 if it faces the observer on the baseline, 0 if it faces away, 1/2 if it is seen
+        edge on.
     scale : float
         Divisor of the area (m^2, or 1).
     units : str or None
@@ -134,8 +135,8 @@ class ProjectedArea(OneLine):
     Notes
     -----
     The sum of the signed projections of the quads that face the observer on the baseline: the area within their
-    outline, which stays that of the same grid lines wherever the surface moves. Parts that are seen one behind the
-    other count each. For a closed body, or one cut by planes along the direction, it is half the sum over both sides.
+    outline, which follows the same grid lines wherever the surface moves. Parts behind each other each count. For a
+    closed body, or one cut by planes along the direction, it is half the sum over both sides.
 
     Examples
     --------
@@ -164,7 +165,7 @@ class ProjectedArea(OneLine):
         relative: bool = False,
         name: str = "projected_area",
     ) -> ProjectedArea:
-        """Return the measure of the area of a surface as seen from one direction.
+        """Return the measure of the area of a surface seen from one direction.
 
         Parameters
         ----------
@@ -184,7 +185,7 @@ class ProjectedArea(OneLine):
         Raises
         ------
         InputError
-            If the direction has no length, or nothing is seen from there.
+            If the direction has zero length, or nothing is seen from there.
 
         Examples
         --------
@@ -205,7 +206,7 @@ class ProjectedArea(OneLine):
         return relative_to_baseline(measure, _COLLAPSED * surface.size**2) if relative else measure
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Area, shape (1,), of nodes, shape (n_points, 3)."""
+        """Area, shape (1,), from nodes, shape (n_points, 3)."""
         normals = area_vectors(points[self.surface.quads])
         return np.array([self.weights @ (normals @ self.direction) / self.scale])
 
@@ -217,12 +218,12 @@ class ProjectedArea(OneLine):
 
 
 def planform_normal(surface: SurfaceGrid) -> np.ndarray:
-    """Unit normal of a planform: the direction across the span in which the surface is shortest (`surface_frame`)."""
+    """Unit normal of a planform: the shortest direction of the surface across the span (`surface_frame`)."""
     return surface_frame(surface.points, surface.planes).axes[1]
 
 
 def _tangents(corners: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Pairs of tangents along s and t at the four Gauss points, and what each corner has in them."""
+    """Pairs of tangents along s and t at the four Gauss points, and the contribution of each corner."""
     for s in _GAUSS:
         for t in _GAUSS:
             along_s = np.array([t - 1, 1 - t, t, -t])
@@ -237,7 +238,7 @@ def _areas(corners: np.ndarray) -> np.ndarray:
 
 
 def _areas_gradient(corners: np.ndarray) -> np.ndarray:
-    """Derivatives of the areas in the corners, shape (n, 4, 3)."""
+    """Derivatives of the areas with respect to the corners, shape (n, 4, 3)."""
     gradient = np.zeros_like(corners)
     for e_s, e_t, along_s, along_t in _tangents(corners):
         normal = np.cross(e_s, e_t)

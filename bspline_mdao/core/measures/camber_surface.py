@@ -1,7 +1,7 @@
-"""The camber surface of a wing as a structured mesh: half-way between its upper and its lower side.
+"""The camber surface of a wing as a structured mesh: midway between its upper and lower side.
 
-Which nodes a point of the mesh lies between, and where, is decided on the baseline and kept: points of the mesh are
-material, and the mesh is a linear function of the nodes.
+The position of each mesh point between nodes is found on the baseline and kept: mesh points are material, and the mesh
+is a linear function of the nodes.
 
 Theory: ``docs/theory/geometry.rst``.
 """
@@ -27,24 +27,24 @@ SPACINGS = {
     "cosine": lambda n: 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, n)),
     "tip": lambda n: np.sin(0.5 * np.linspace(0.0, np.pi, n)),
 }
-"""Fractions of chord or span by the number of nodes, even, closer to both ends, or to the far end."""
+"""Fractions of chord or span by the number of nodes: uniform, clustered at both ends, or at the far end."""
 
 _NEAR = 1e-9
-"""Distance from a section, in spans, at which a node is on it."""
+"""Distance from a section, relative to the span, at which a node is on it."""
 
 _SHORT = 1e-6
-"""Chord, in spans, that is taken for none: that of a round tip at its end."""
+"""Chord, relative to the span, that counts as zero, as at the end of a round tip."""
 
 _EDGE_ON = 1e-6
-"""Part of a quad's normal below which it shows neither side up, as on a blunt trailing edge."""
+"""Component of a quad's unit normal below which it faces neither up nor down, as on a blunt trailing edge."""
 
 
 @dataclass(frozen=True, eq=False)
 class CamberSurface(OneLine):
     """Mesh of the camber surface in the order and the axes of OpenAeroStruct.
 
-    Nodes go from the leading to the trailing edge and from the tip to the root; axes are x downstream, y from the left
-    tip to the root and on, z up.
+    Nodes run from the leading to the trailing edge and from the tip to the root; x points downstream, y from the left
+    tip to the root and beyond, z up.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class CamberSurface(OneLine):
     weights : csr_array, shape (n_chord n_span, n)
         Weight of every node of the surface in every node of the mesh.
     axes : ndarray, shape (3, 3)
-        Turns the coordinates of the grid into those of the mesh; a mirror where the grid is about the right wing.
+        Transformation from grid coordinates to mesh coordinates; a reflection if the grid is about the right wing.
     shape : tuple of int
         (n_chord, n_span, 3).
     name : str
@@ -90,23 +90,24 @@ class CamberSurface(OneLine):
         ends: tuple[float, float] | None = None,
         name: str = "camber_surface",
     ) -> CamberSurface:
-        """Lay a mesh half-way between the sides of a wing.
+        """Make a mesh midway between the sides of a wing.
 
-        Upper is what faces up on the baseline, whatever the topology of the grid. Every section across the span is cut
-        out of both sides, and both are divided at the same fractions of its chord.
+        The upper side is what faces up on the baseline, whatever the grid topology. Every section across the span is
+        cut out of both sides, and both are divided at the same fractions of its chord.
 
         Parameters
         ----------
         surface : SurfaceGrid
-            One half of a wing whose sections each have one upper and one lower side, such as that of ``"wing*"``.
+            One half of a wing whose sections each have one upper and one lower side, such as the surface of
+            ``"wing*"``.
         n_chord, n_span : int
-            Nodes along the chord and along the span, 2 at least.
+            Number of nodes along the chord and along the span, at least 2.
         chord_spacing, span_spacing : str
-            One of `SPACINGS`: "uniform", "cosine", or "tip" (closer towards the tip alone).
+            One of `SPACINGS`: "uniform", "cosine", or "tip" (clustered only at the tip).
         axes : str
             Axes of the grid that point downstream, along the span and up.
         ends : tuple of float, optional
-            Coordinates along the span of the root and of the tip (m), should the mesh not go from end to end.
+            Coordinates along the span of the root and the tip (m), if the mesh is not to go from end to end.
         name : str
             Name of the output.
 
@@ -117,7 +118,7 @@ class CamberSurface(OneLine):
         Raises
         ------
         InputError
-            If a count, a spacing or the axes cannot be used, or a section has no upper or no lower side.
+            If a count, a spacing or the axes are invalid, or a section has no upper or no lower side.
         """
         turn = _turn(axes, surface.points)
         points = surface.points @ turn.T
@@ -129,7 +130,7 @@ class CamberSurface(OneLine):
         return cls(surface, csr_array(rows[order]), turn, (n_chord, n_span, 3), name)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Mesh (m), shape (n_chord, n_span, 3), of the nodes, shape (n, 3)."""
+        """Mesh (m), shape (n_chord, n_span, 3), from the nodes, shape (n, 3)."""
         return (self.weights @ points @ self.axes.T).reshape(self.shape)
 
     def partials(self, points: np.ndarray) -> csr_array:
@@ -142,7 +143,7 @@ class CamberSurface(OneLine):
 
 
 def _turn(axes: str, points: np.ndarray) -> np.ndarray:
-    """Rows of the identity in the order of the axes, the second turned round where the tip is on the positive side."""
+    """Rows of the identity in the order of the axes, the second reversed if the tip is on the positive side."""
     turn = as_axes(axes, "camber surface")
     span = points @ turn[1]
     turn[1] *= -1.0 if span.max() > -span.min() else 1.0
@@ -167,7 +168,7 @@ def _stations(span: np.ndarray, fractions: np.ndarray, ends: tuple[float, float]
 
 
 def _sides(quads: np.ndarray, points: np.ndarray, is_mirrored: bool) -> dict[str, np.ndarray]:
-    """Edges, shape (n, 2), of the quads that face up and of those that face down."""
+    """Edges, shape (n, 2), of the quads that face up and of the quads that face down."""
     x = points[quads]
     normals = np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
     up = normals[:, 2] / np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
@@ -189,7 +190,7 @@ def _section(points: np.ndarray, sides: dict[str, np.ndarray], fractions: np.nda
 
 
 def _cut(points: np.ndarray, edges: np.ndarray, station: float, side: str) -> csr_array:
-    """Weights of the nodes in the points where edges cross a station, shape (n_crossings, n)."""
+    """Weights of the nodes at the points where edges cross a station, shape (n_crossings, n)."""
     y = points[:, 1]
     section = cut_edges(edges, y - station, _NEAR * np.ptp(y))
     if len(section.nodes) < 2:
@@ -198,7 +199,7 @@ def _cut(points: np.ndarray, edges: np.ndarray, station: float, side: str) -> cs
 
 
 def _complaint(points: np.ndarray, where: str, what: str, station: float) -> str:
-    """Describe what a station lacks, and where stations may be."""
+    """Describe what a station lacks, and the allowed range of stations."""
     low, high = 0.0 - points[:, 1].max(), 0.0 - points[:, 1].min()
     return (
         f"camber surface: the {where} has no {what} at {abs(station):.6g} along the span, on which its nodes go from "
@@ -207,7 +208,7 @@ def _complaint(points: np.ndarray, where: str, what: str, station: float) -> str
 
 
 def _between(along: np.ndarray, fractions: np.ndarray) -> csr_array:
-    """Weights of points at places along a chord in the points at the fractions, linear between neighbours."""
+    """Weights that interpolate points along a chord linearly at the fractions."""
     places, rows = np.unique(along, return_index=True)
     after = np.clip(np.searchsorted(places, fractions), 1, len(places) - 1)
     fraction = np.clip((fractions - places[after - 1]) / (places[after] - places[after - 1]), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Distances that patches keep from other patches, from points and from planes: smooth lower bounds.
+"""Distances of patches from other patches, points and planes: smooth lower bounds.
 
 Theory: ``docs/theory/geometry.rst``, "Clearance".
 
@@ -29,17 +29,16 @@ from .measure import row_at
 __all__ = ["Clearance", "PlaneClearance", "nodes_of"]
 
 _NEGLIGIBLE = 60.0
-"""Exponent from which on a term of the sum is negligible: 1e10 of them together are less than round-off."""
+"""Exponent from which a term of the sum is negligible: 1e10 such terms together are less than round-off."""
 
 
 @dataclass(frozen=True, eq=False)
 class Clearance(OneLine):
     """Kreisselmeier-Steinhauser bound of the distances between the nodes of a patch and other nodes, or fixed points.
 
-    The bound is below the smallest distance by ln(n) / rho at most, n the number of pairs, and smooth whichever pair is
-    the nearest. Surfaces can be nearer to each other than their nodes, by `reach` on the baseline. Distances are never
-    negative: the clearance cannot tell how far surfaces have passed through each other. Make it by `between` or
-    `from_points`.
+    The bound is below the smallest distance by at most ln(n) / rho for n pairs, and smooth whichever pair is nearest.
+    Surfaces can be nearer to each other than their nodes, by `reach` on the baseline. Distances are never negative: the
+    clearance cannot detect surfaces that have passed through each other. Make it by `between` or `from_points`.
 
     Parameters
     ----------
@@ -100,8 +99,8 @@ class Clearance(OneLine):
         patches, others : str or sequence of str
             Names of the patches on either side.
         rho : float
-            Sharpness, in inverse clearances of the baseline: with 1e6 pairs the bound is below the smallest distance by
-            13.8 / rho of it at most.
+            Sharpness, in inverse baseline clearances: with 1e6 pairs the bound is below the smallest distance by at
+            most 13.8 / rho of it.
         name : str
             Name of the output.
 
@@ -153,24 +152,24 @@ class Clearance(OneLine):
     ) -> Clearance:
         others = np.concatenate([surface.points[other_ids], fixed])
         smallest = np.sqrt(_nearest_square(surface.points[ids], others))
-        if not smallest > 1e-9 * surface.size:  # patches that join share nodes, equal but for round-off
+        if not smallest > 1e-9 * surface.size:  # adjacent patches share nodes, equal to round-off
             raise InputError("clearance: the two sides touch on the baseline; leave patches that join out")
         return cls(surface, ids, other_ids, fixed, KreisselmeierSteinhauser(rho / smallest), name)
 
     @property
     def reach(self) -> float:
-        """Distance (m) that a point of the baseline surfaces can have from the nearest node, both sides together.
+        """Largest distance (m) of a point on the baseline surfaces from the nearest node, summed over both sides.
 
-        Half the longest diagonal of each side's quads; none for fixed points.
+        Half the longest diagonal of each side's quads; zero for fixed points.
         """
         return sum(_half_diagonal(self.surface, ids) for ids in (self.ids, self.other_ids))
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Clearance (m), shape (1,), of nodes, shape (n_points, 3); real or complex."""
+        """Clearance (m), shape (1,), from nodes, shape (n_points, 3); real or complex."""
         return np.atleast_1d(self._bound(*self._sides(points)))
 
     def partials(self, points: np.ndarray) -> csr_array:
-        """Differentiate `evaluate`, shape (1, 3 n_points), on the nodes of both sides."""
+        """Differentiate `evaluate`, shape (1, 3 n_points), with entries for the nodes of both sides."""
         sides = self._sides(points)
         bars = _bars(*sides, self.rule.rho, self._bound(*sides))
         gradient = np.concatenate([bars[0], bars[1][: len(self.other_ids)]])
@@ -186,9 +185,9 @@ class Clearance(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class PlaneClearance(OneLine):
-    """Kreisselmeier-Steinhauser bound of the distances of patches from a plane, negative behind it. Make it by `of`.
+    """Kreisselmeier-Steinhauser bound of the distances of patches from a plane, negative behind it. Made by `of`.
 
-    As quads lie between their corners, it also bounds the distance of the surface of bilinear quads.
+    Since quads lie between their corners, it also bounds the distance of the bilinear quads.
 
     Parameters
     ----------
@@ -197,7 +196,7 @@ class PlaneClearance(OneLine):
     ids : ndarray of int, shape (n,)
         Nodes of the patches.
     plane : Plane
-        The plane; its normal points to where the surface is to be.
+        The plane; its normal points to the side where the surface should be.
     rule : KreisselmeierSteinhauser
         Smooth bound of the smallest.
     name : str
@@ -246,27 +245,27 @@ class PlaneClearance(OneLine):
         patches : str or sequence of str
             Names of the patches.
         origin, normal : sequence of float
-            A point of the plane (m), and its normal, of any length, to the side of the surface.
+            A point of the plane (m), and its normal, of any length, towards the surface.
         rho : float
-            Sharpness: the bound is below the smallest distance by ln(n) / rho of the surface's size at most.
+            Sharpness: the bound is below the smallest distance by at most ln(n) / rho of the surface's size.
         name : str
             Name of the output.
 
         Raises
         ------
         InputError
-            If a patch does not exist, the normal has no length, or rho is not positive.
+            If a patch does not exist, the normal has zero length, or rho is not positive.
         """
         towards = as_direction(normal, "clearance: the normal of the plane")
         plane = Plane(towards, float(as_vector(origin, "clearance: the origin of the plane") @ towards))
         return cls(surface, nodes_of(surface, patches), plane, KreisselmeierSteinhauser(rho / surface.size), name)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Clearance (m), shape (1,), of nodes, shape (n_points, 3); real or complex."""
+        """Clearance (m), shape (1,), from nodes, shape (n_points, 3); real or complex."""
         return np.atleast_1d(self.rule.value(self.rule.part(self._distances(points))))
 
     def partials(self, points: np.ndarray) -> csr_array:
-        """Differentiate `evaluate`, shape (1, 3 n_points), on the nodes of the patches."""
+        """Differentiate `evaluate`, shape (1, 3 n_points), with entries for the nodes of the patches."""
         weights = self.rule.weights(self._distances(points), self.evaluate(points)[0])
         return row_at(self.ids, np.outer(weights, self.plane.normal), len(points))
 
@@ -280,7 +279,7 @@ def nodes_of(surface: SurfaceGrid, patches: str | Sequence[str]) -> np.ndarray:
 
 
 def _half_diagonal(surface: SurfaceGrid, ids: np.ndarray) -> float:
-    """Half the longest diagonal of the quads between given nodes (m); 0 where there is none."""
+    """Half the longest diagonal of the quads between given nodes (m); 0 if there are none."""
     corners = surface.points[surface.quads[np.isin(surface.quads, ids).all(axis=1)]]
     diagonals = corners[:, 2:] - corners[:, :2]
     return 0.5 * np.linalg.norm(diagonals, axis=2).max(initial=0.0)
@@ -313,7 +312,7 @@ def _total(side, other, rho, smallest):
 
 @njit(cache=True)
 def _bars(side, other, rho, bound):
-    """Derivatives of the bound in the points of both sides."""
+    """Derivatives of the bound with respect to the points of both sides."""
     side_bar, other_bar = np.zeros_like(side), np.zeros_like(other)
     # the bound is below the smallest distance, hence twice the reach
     farthest = (bound + 2.0 * _NEGLIGIBLE / rho) ** 2

@@ -1,12 +1,12 @@
-"""Curvature of patches: its integral, and a smooth upper bound of the largest.
+"""Curvature of patches: its integral, and a smooth upper bound of its maximum.
 
-The two fundamental forms come from differences along the grid lines of structured faces, by the numbers of the nodes,
-or from polynomials that fit the nodes of triangles and quads around each node best.
-Theory: ``docs/theory/geometry.rst``, "Curvature".
+The two fundamental forms come from differences along the grid lines of structured faces, with node numbers as
+parameters, or from polynomials that fit the nodes of triangles and quads around each node. Theory:
+``docs/theory/geometry.rst``, "Curvature".
 
 References
 ----------
-M. P. do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, section 3-3: mean and Gaussian curvature by the
+M. P. do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, section 3-3: mean and Gaussian curvature from the
 coefficients of the fundamental forms.
 
 G. Kreisselmeier and R. Steinhauser, Systematic control design by optimizing a vector performance index, *IFAC
@@ -33,24 +33,25 @@ from .measure import Combinations, relative_to_baseline, single_row
 __all__ = ["Curvature", "Forms", "difference_matrices", "face_differences", "forms", "forms_vjp"]
 
 KINDS = {"total": (1.0, -2.0), "mean": (0.25, 0.0), "gaussian": (0.0, 1.0)}
-"""Coefficients of the square of k1 + k2, and of k1 k2: k1^2 + k2^2, the square of the mean curvature, k1 k2."""
+"""Coefficients of (k1 + k2)^2 and of k1 k2 for k1^2 + k2^2, the squared mean curvature, and k1 k2."""
 
 _NONE = 1e-9
-"""Curvature, as an integral or relative to that of the surface's box, that may be round-off of the differences."""
+"""Curvature, as an integral or relative to the curvature of the surface's box, that may be round-off of the
+differences."""
 
 _FLAT = 1e-9
-"""Sine of the angle between the grid lines at a node below which it has no normal."""
+"""Sine of the angle between grid lines below which a node has no normal."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curvature(OneLine):
-    r"""Integral of the curvature over patches, or a smooth upper bound of the largest.
+    r"""Integral of the curvature over patches, or a smooth upper bound of its maximum.
 
-    The curvature is :math:`k_1^2 + k_2^2`, the square of the mean curvature or :math:`k_1 k_2`, from differences of
-    second order along the grid lines of every face, one-sided at its edges: kinks between faces do not count. Nodes
-    without a normal on the baseline, where an edge of a face has collapsed, do not count. Of triangles and quads
-    without structure, derivatives are those of polynomials that fit the nodes around each node best, on either side of
-    a kink by itself, see `bspline_mdao.core.measures.jets`. Make it by `integral` or `largest`.
+    The curvature is :math:`k_1^2 + k_2^2`, the squared mean curvature or :math:`k_1 k_2`, from second-order differences
+    along the grid lines of every face, one-sided at its edges: kinks between faces are ignored. Nodes without a normal
+    on the baseline, where an edge of a face has collapsed, are left out. On unstructured triangles and quads,
+    derivatives come from polynomials that fit the nodes around each node, separately on each side of a kink, see
+    `bspline_mdao.core.measures.jets`. Make it by `integral` or `largest`.
 
     Parameters
     ----------
@@ -59,11 +60,11 @@ class Curvature(OneLine):
     differences : Combinations
         Five derivatives at every node of every face.
     weights : ndarray, shape (n,)
-        Weights of the nodes in an integral over the numbers of the nodes.
+        Weights of the nodes in an integral over node numbers.
     coefficients : tuple of float
         Coefficients of one of the `KINDS` of curvature.
     rule : KreisselmeierSteinhauser or None
-        Smooth bound of the largest; None for the integral.
+        Smooth bound of the maximum; None for the integral.
     scale : float
         Divisor of the result.
     units : str or None
@@ -104,7 +105,7 @@ class Curvature(OneLine):
         relative: bool = False,
         name: str = "curvature",
     ) -> Curvature:
-        """Integrate over the area, trapezoidally: a number without units.
+        """Integrate over the area by the trapezoidal rule: a dimensionless number.
 
         Parameters
         ----------
@@ -122,7 +123,7 @@ class Curvature(OneLine):
         Raises
         ------
         InputError
-            If the kind is unknown, a face is too narrow, or a flat baseline is to be the reference.
+            If the kind is unknown, a face is too narrow, or the reference would be a flat baseline.
         """
         differences, weights = _places(surface, patches)
         measure = cls(surface, differences, weights, _coefficients(kind), None, 1.0, None, name)
@@ -139,7 +140,7 @@ class Curvature(OneLine):
         rho: float = 100.0,
         name: str = "largest_curvature",
     ) -> Curvature:
-        """Bound the largest curvature of a node from above, in 1/m^2.
+        """Bound the largest nodal curvature from above, in 1/m^2.
 
         Parameters
         ----------
@@ -152,15 +153,16 @@ class Curvature(OneLine):
         relative : bool
             Divide by the bound on the baseline.
         rho : float
-            Sharpness: the bound is above the largest by ln(n) / rho at most, in the largest size on the baseline.
+            Sharpness: the bound exceeds the maximum by at most ln(n) / rho, in units of the baseline's largest
+            magnitude.
         name : str
             Name of the output.
 
         Raises
         ------
         InputError
-            If the kind is unknown, a face is too narrow, rho is not positive, or a flat baseline is to be the
-            reference.
+            If the kind is unknown, a face is too narrow, rho is not positive, or the reference would be a flat
+            baseline.
         """
         units = None if relative else "1/m**2"
         differences, weights = _places(surface, patches)
@@ -170,11 +172,11 @@ class Curvature(OneLine):
         return relative_to_baseline(measure, _NONE / surface.size**2) if relative else measure
 
     def densities(self, points: np.ndarray) -> np.ndarray:
-        """Curvature (1/m^2) at all nodes of all faces, shape (n,), of nodes, shape (n_points, 3)."""
+        """Curvature (1/m^2) at all nodes of all faces, shape (n,), from nodes, shape (n_points, 3)."""
         return self._densities(forms(self.differences.vectors(points)))
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Integral or bound, shape (1,), of nodes, shape (n_points, 3); real or complex."""
+        """Integral or bound, shape (1,), from nodes, shape (n_points, 3); real or complex."""
         found = forms(self.differences.vectors(points))
         densities = self._densities(found)
         if self.rule is None:
@@ -199,7 +201,7 @@ class Curvature(OneLine):
         return (c_mean * found.mean**2 / found.square + c_gaussian * found.gaussian) / found.square**2
 
     def _bars(self, found: Forms) -> tuple[np.ndarray, np.ndarray]:
-        """Cotangents of the densities and, besides them, of the squares of the areas."""
+        """Cotangents of the densities, and additional ones of the squared areas."""
         densities = self._densities(found)
         if self.rule is None:
             weights, area = self.weights / self.scale, np.sqrt(found.square)
@@ -230,7 +232,7 @@ def _places(surface: SurfaceGrid, patches: str | Sequence[str] | None) -> tuple[
 
 
 def _smooth_places(surface: SurfaceGrid, faces: tuple[int, ...]) -> tuple[Combinations, np.ndarray]:
-    """Derivatives at nodes of triangles and quads, on each side of a kink by itself, and the areas that they have."""
+    """Derivatives at nodes of triangles and quads, separately on each side of a kink, and their areas."""
     corners = SmoothCorners(surface.points, np.concatenate([surface.cells[number] for number in faces]))
     matrices, is_found = jets(corners, np.arange(len(corners.nodes)))
     if not is_found.any():
@@ -242,7 +244,7 @@ def _smooth_places(surface: SurfaceGrid, faces: tuple[int, ...]) -> tuple[Combin
 
 
 class Forms(NamedTuple):
-    """Numerators of the curvatures and the area, in the numbers of the nodes as parameters; each of shape (n,)."""
+    """Numerators of the curvatures and the area, with node numbers as parameters; each of shape (n,)."""
 
     mean: np.ndarray  # ``E n - 2 F m + G l``, twice the mean curvature times the area to the third
     gaussian: np.ndarray  # ``l n - m^2``, the Gaussian curvature times the area to the fourth
@@ -260,7 +262,7 @@ def forms(
 
 
 def forms_vjp(vectors: np.ndarray, bar: Forms) -> list[np.ndarray]:
-    """Pull cotangents of what `forms` returns back to the five vectors, each of shape (n, 3)."""
+    """Pull cotangents of the result of `forms` back to the five vectors, each of shape (n, 3)."""
     along_i, along_j, *second = vectors
     normal = np.cross(along_i, along_j)
     (e, f, g), (l, m, n) = _metric(along_i, along_j), (dots(part, normal) for part in second)
@@ -275,9 +277,9 @@ def forms_vjp(vectors: np.ndarray, bar: Forms) -> list[np.ndarray]:
 
 def face_differences(
     surface: SurfaceGrid,
-    faces: tuple[int, ...],  # numbers of its faces, of three nodes at least each way
+    faces: tuple[int, ...],  # numbers of its faces, at least three nodes wide each way
 ) -> tuple[list[csr_array], np.ndarray]:
-    """Return the matrices that give the five vectors of `forms` at all nodes of some faces."""
+    """Return the matrices for the five vectors of `forms` at all nodes of some faces."""
     # returns matrices each (n, n_points): first differences along i and j, second differences ii, ij and jj, with a
     # spacing of one
     # returns weights (n,): weights of the trapezoidal rule
@@ -288,7 +290,7 @@ def face_differences(
 
 
 def difference_matrices(n: int) -> tuple[csr_array, csr_array]:
-    """Matrices (n, n) of the first and second differences of n numbers in a row, of second order; n is 3 at least."""
+    """Matrices (n, n) of the first and second differences of n numbers in a row, of second order; n is at least 3."""
     # With three numbers the second differences at the ends are of first order.
     first, second = np.zeros((2, n, n))
     inner = np.arange(1, n - 1)

@@ -1,4 +1,4 @@
-"""Cuts of the edges of quads where a function of the nodes, such as the height above a plane, is zero: sections.
+"""Cuts of quad edges where a function of the nodes, such as the height above a plane, is zero: sections.
 
 Theory: ``docs/theory/geometry.rst``.
 """
@@ -14,8 +14,8 @@ from scipy.sparse.csgraph import connected_components
 __all__ = ["EdgeCuts", "cut_edges", "edges_of_quads", "root_end"]
 
 ROOT = 0.5
-"""An open edge that goes further out, by the extent of the surface, is not that of a root: the edge of one side of a
-wing by itself goes to the tip."""
+"""An open edge that extends beyond this fraction of the surface is not a root's: the edge of one side of a wing alone
+goes to the tip."""
 
 
 class EdgeCuts(NamedTuple):
@@ -25,7 +25,7 @@ class EdgeCuts(NamedTuple):
     weights: np.ndarray  # (n, 2), weights of the ends, of sum 1
 
     def at(self, points: np.ndarray) -> np.ndarray:
-        """Places, shape (n, 3), of nodes, shape (n_points, 3)."""
+        """Positions, shape (n, 3), from nodes, shape (n_points, 3)."""
         return np.einsum("nm,nmd->nd", self.weights, points[self.nodes])
 
     def matrix(self, n_points: int) -> csr_array:
@@ -42,12 +42,10 @@ def edges_of_quads(quads: np.ndarray) -> np.ndarray:
 
 def root_end(
     quads: np.ndarray,  # int (n_quads, 4), corners of the quads of a wing
-    places: np.ndarray,  # (n_points,), place of every point along the span, from the root on
+    places: np.ndarray,  # (n_points,), position of every point along the span, from the root on
 ) -> float:
-    """Place from which on sections are whole: the outboard end of the open edge that a wing begins with.
-
-    At a plane of symmetry that edge is at one place; at a fuselage it goes around the root and is curved.
-    """
+    """Position from which on sections are complete: the outboard end of the open edge at which a wing begins."""
+    # At a symmetry plane that edge is at one position; at a fuselage it is curved and goes around the root.
     sides = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
     edges, counts = np.unique(sides[sides[:, 0] != sides[:, 1]], axis=0, return_counts=True)
     used = places[np.unique(quads)]
@@ -62,8 +60,8 @@ def root_end(
 
 def cut_edges(
     edges: np.ndarray,  # int (n, 2), ends of the edges
-    heights: np.ndarray,  # (n_points,), of all nodes; linear on the edges between. Edges of one height are not cut
-    near: float = 0.0,  # height, up or down, up to which a node counts as at 0
+    heights: np.ndarray,  # (n_points,), of all nodes; linear on the edges between. Level edges are not cut
+    near: float = 0.0,  # absolute height up to which a node counts as at 0
 ) -> EdgeCuts:
     """Find the points of height 0."""
     first, second = np.where(np.abs(heights) <= near, 0.0, heights)[edges].T

@@ -1,9 +1,9 @@
-"""Derivatives of a surface of triangles and quads at its nodes, by polynomials of best fit: osculating jets.
+"""Derivatives of a surface of triangles and quads at its nodes, by least-squares polynomials: osculating jets.
 
-Around every node a plane of the baseline has coordinates u and v, and the nodes nearby are fitted by a polynomial in
-them. What comes out are fixed combinations of the nodes for the derivatives of the surface by u and v, wherever the
-nodes go. Cells belong together at a node as long as no kink is between them: at the trailing edge of a wing, both sides
-have derivatives of their own.
+Around every node a plane of the baseline has coordinates u and v, and the nearby nodes are fitted by a polynomial in
+them. The result are fixed combinations of the nodes for the derivatives of the surface with respect to u and v,
+wherever the nodes move. Cells belong together at a node as long as there is no kink between them: at the trailing edge
+of a wing, each side has its own derivatives.
 
 Theory: ``docs/theory/geometry.rst``, "Curvature".
 
@@ -31,39 +31,39 @@ from ...grids.cells.quads import area_vectors
 __all__ = ["DERIVATIVES", "SmoothCorners", "jets"]
 
 DERIVATIVES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-"""Derivatives by u and v that are given: the five vectors of the fundamental forms."""
+"""Derivatives computed with respect to u and v: the five vectors of the fundamental forms."""
 
 KINK = np.cos(np.deg2rad(60.0))
-"""Cosine of the angle of the normals of neighbouring cells from which on a kink is between them. Coarse meshes turn by
-30 to 40 degrees around a leading edge; a trailing edge turns by 160, a flat tip or a junction by 90."""
+"""Cosine of the angle between neighbouring cells' normals from which there is a kink between them. Coarse meshes turn
+by 30 to 40 degrees around a leading edge; a trailing edge turns by 160, a flat tip or a junction by 90."""
 
 DEGREE, N_NEAR = 4, 18
-"""Degree of the polynomials, of 15 terms, and other nodes that they are fitted to at least: two rings of triangles. On
-an elliptic leading edge of 48 nodes around, radii are 1 to 3 % off; with degree 3 they are 5 to 7 %."""
+"""Degree of the polynomials, with 15 terms, and minimum number of other nodes fitted: two rings of triangles. On an
+elliptic leading edge with 48 nodes around it, radii are 1 to 3 % off; with degree 3 they are 5 to 7 % off."""
 
 LEAST_DEGREE, LEAST_NEAR = 2, 7
-"""The same where there are no more nodes, on a patch between kinks."""
+"""The same if there are no more nodes, on a patch between kinks."""
 
 NARROW = 2.0
 """Distance of the farthest node in standard deviations of the Gaussian weights."""
 
 MOST_RINGS = 4
-"""Rings of cells around a node that are looked through for its neighbours."""
+"""Number of rings of cells around a node searched for its neighbours."""
 
 CHUNK = 4096
-"""Places at a time, so that memory stays bounded: some 6 kB for each."""
+"""Places processed at a time, which bounds memory: about 6 kB for each."""
 
 INDEPENDENT = 1e-4
-"""Smallest singular value of the fit, relative to the largest: nodes nearer to a curve than that have no derivatives
+"""Smallest singular value of the fit, relative to the largest: nodes that lie nearer to a curve have no derivatives
 across it."""
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothCorners(OneLine):
-    """Corners of the cells of a surface, joined where no kink is between them: the places at which it has a tangent."""
+    """Cell corners of a surface, joined unless there is a kink between them: the places with a tangent plane."""
 
     points: np.ndarray  # (n_points, 3), nodes of the baseline (m)
-    cells: np.ndarray  # int (n_cells, 4), corners of triangles and quads; triangles have their last corner twice
+    cells: np.ndarray  # int (n_cells, 4), corners of triangles and quads; triangles repeat their last corner
 
     @cached_property
     def corners(self) -> np.ndarray:
@@ -106,7 +106,7 @@ class SmoothCorners(OneLine):
 
     @cached_property
     def areas(self) -> np.ndarray:
-        """Area of every place on the baseline (m^2), its corners' parts of their cells; shape (n_places,)."""
+        """Area of every place on the baseline (m^2), its corners' fractions of their cells; shape (n_places,)."""
         whole = lengths(area_vectors(self.points[self.cells]))
         cell = self.corners[:, 0]
         return np.bincount(self.place_of_corner, whole[cell] / np.bincount(cell)[cell])
@@ -120,7 +120,7 @@ class SmoothCorners(OneLine):
 
     @cached_property
     def neighbours(self) -> csr_array:
-        """Places that share a cell, bool (n_places, n_places), each with itself."""
+        """Places that share a cell, bool (n_places, n_places), including each itself."""
         n = len(self.nodes)
         incidence = coo_array(
             (np.ones(len(self.corners)), (self.corners[:, 0], self.place_of_corner)), shape=(len(self.cells), n)
@@ -135,8 +135,8 @@ def jets(
     """Find the derivatives at places as combinations of nodes."""
     # returns one matrix (n, n_points) for each of `DERIVATIVES`, and whether each place has derivatives, bool (n,)
     # 1. Rings of cells are added until there are enough nodes.
-    # 2. Nodes have coordinates in the plane of the place, as far out as they are away.
-    # 3. Polynomials are fitted, nearer nodes with more weight.
+    # 2. Nodes get coordinates in the plane of the place, at their true distance.
+    # 3. Polynomials are fitted, with more weight for nearer nodes.
     rows: list[np.ndarray] = []
     columns: list[np.ndarray] = []
     values: list[np.ndarray] = []
@@ -170,21 +170,21 @@ def jets(
 
 
 def _alike(ready: np.ndarray, counts: np.ndarray) -> Iterator[np.ndarray]:
-    """Cut places into parts with as many nodes nearby, none longer than `CHUNK`."""
+    """Split places into groups with equal numbers of nearby nodes, none longer than `CHUNK`."""
     for count in np.unique(counts[ready]):
         chosen = ready[counts[ready] == count]
         yield from (chosen[start : start + CHUNK] for start in range(0, len(chosen), CHUNK))
 
 
 def _fit(surface: SmoothCorners, places: np.ndarray, near: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of the nodes near places in their derivatives, (n, 5, n_near), and whether there are any."""
+    """Weights of nearby nodes in the derivatives at places, (n, 5, n_near), and whether there are derivatives."""
     middle = surface.points[surface.nodes[places]]
     offsets = surface.points[surface.nodes[near]] - middle[:, None]
     distance = np.linalg.norm(offsets, axis=2)
     local = offsets @ tangents(surface.normals[places]).transpose(0, 2, 1)  # step 2
     flat = np.linalg.norm(local, axis=2)
     uv = local * (distance / np.where(flat > 0.0, flat, 1.0))[..., None]
-    # coordinates in which nodes are as far away in all directions: cells may be long and narrow
+    # coordinates in which nodes are equally far away in all directions: cells may be long and narrow
     value, vector = np.linalg.eigh(np.einsum("nki,nkj->nij", uv, uv))
     scale = np.sqrt(np.maximum(value, np.finfo(float).tiny))
     is_spread = value[:, 0] > INDEPENDENT**2 * value[:, 1]
@@ -208,7 +208,7 @@ def _fit(surface: SmoothCorners, places: np.ndarray, near: np.ndarray, degree: i
 
 
 def tangents(normals: np.ndarray) -> np.ndarray:
-    """Two unit vectors at right angles to each of some unit normals, shape (n, 2, 3)."""
+    """Two unit vectors perpendicular to each unit normal, shape (n, 2, 3)."""
     axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first = np.cross(normals, axis)
     first /= lengths(first)[:, None]

@@ -1,4 +1,4 @@
-"""Differences between neighbouring stations, which say whether a distribution rises or falls.
+"""Differences between neighbouring stations, which show whether a distribution rises or falls.
 
 Theory: ``docs/theory/geometry.rst``.
 """
@@ -17,19 +17,19 @@ __all__ = ["Differences", "neighbour_differences"]
 class Differences(NamedTuple):
     """Sparse matrix of shape (n - 1, n) by its entries."""
 
-    # places of the entries: first those of the values before, then those of the values after
+    # positions of the entries: first of the values before, then of the values after
     rows: np.ndarray  # int (2 n - 2,)
     cols: np.ndarray  # int (2 n - 2,)
     values: np.ndarray  # (2 n - 2,), values of the entries
 
     def apply(self, values: np.ndarray) -> np.ndarray:
-        """Differences, shape (n - 1,), of the values of n stations; real or complex."""
+        """Differences, shape (n - 1,), of the values at n stations; real or complex."""
         return (self.values * values[self.cols]).reshape(2, -1).sum(axis=0)
 
 
 def neighbour_differences(
-    n: int,  # number of stations, 2 at least
-    decreasing: bool = False,  # take each value less the next one, instead of the next one less it
+    n: int,  # number of stations, at least 2
+    decreasing: bool = False,  # subtract the next value from each, instead of each from the next
 ) -> Differences:
     """Differences of successive values: none is negative in a rising distribution, or in a falling one.
 

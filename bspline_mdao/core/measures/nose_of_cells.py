@@ -58,7 +58,7 @@ class CellSections:
 
     @property
     def places(self) -> np.ndarray:
-        """Places along the span (m), (n,)."""
+        """Positions along the span (m), (n,)."""
         return self.frame.to_local(np.array([cut.origin for cut in self.cuts]))[:, 2]
 
 
@@ -66,9 +66,9 @@ def nose_of_cells(sections: CellSections) -> tuple[csr_array, csr_array]:
     """Find the first and second derivative along sections at their leading edges, as combinations of nodes."""
     # returns matrices of p', from the lower to the upper side, and p'', each (n_sections, n_points)
     # 1. The leading edge of a section is a point between two nodes.
-    # 2. At each of them the curve in the plane parallel to the section has p' and p'' on the baseline, combinations of
-    #    the derivatives of the surface, which are combinations of nodes.
-    # 3. Those of the section are between them as the point is.
+    # 2. At each of them the baseline curve in the plane parallel to the section has p' and p'', combinations of the
+    #    derivatives of the surface, which are combinations of nodes.
+    # 3. The section's derivatives are interpolated between them like the point.
     corners, leading = SmoothCorners(sections.wing.points, sections.wing.quads), sections.leading  # step 1
     nodes, inverse = np.unique(leading.nodes, return_inverse=True)
     inverse = inverse.reshape(leading.nodes.shape)

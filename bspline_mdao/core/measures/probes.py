@@ -1,8 +1,7 @@
-"""Probes: points of a surface that are fixed in its parameters, found where straight lines cross it.
+"""Probes: points fixed in the parameters of a surface, found where straight lines cross it.
 
-A probe is a weighted mean of the corners of a quad, bilinear in its place on the baseline. It goes with the material of
-the surface wherever that moves: a constant sparse linear map of the nodes. Theory: ``docs/theory/geometry.rst``,
-"Probes".
+A probe is a weighted mean of the corners of a quad, bilinear in its baseline position. It moves with the material of
+the surface: a constant sparse linear map of the nodes. Theory: ``docs/theory/geometry.rst``, "Probes".
 
 References
 ----------
@@ -41,23 +40,23 @@ __all__ = [
 
 _TOUCH = 1e-9
 """Distance, relative to the diagonal of the surface's box, at which a line still meets a quad: lines through a seam of
-the grid or in a plane of symmetry must not slip through between quads."""
+the grid or in a symmetry plane must not slip between quads."""
 
 _GRAZE = 1e-9
 """Sine of the angle below which a line runs along a quad instead of crossing it: it neither enters nor leaves there."""
 
 FLAT = 1e-9
-"""Length, relative to the diagonal of the surface's box, that is taken for none."""
+"""Length, relative to the diagonal of the surface's box, that counts as zero."""
 
 ROUND_OFF = 1e-13
-"""Thickness, relative to the same, that has no direction."""
+"""Thickness, relative to the same diagonal, that has no direction."""
 
 
 @dataclass(frozen=True, eq=False)
 class Probes:
     """Points of a surface that are fixed weighted means of its nodes."""
 
-    nodes: np.ndarray  # int (n, m), nodes of each; they may repeat
+    nodes: np.ndarray  # int (n, m), nodes of each, possibly repeated
     weights: np.ndarray  # (n, m), weights of the nodes, of sum 1
 
     @property
@@ -66,11 +65,11 @@ class Probes:
         return len(self.nodes)
 
     def at(self, points: np.ndarray) -> np.ndarray:
-        """Places of the probes, shape (n, 3), of nodes, shape (n_points, 3); real or complex."""
+        """Positions of the probes, shape (n, 3), from nodes, shape (n_points, 3); real or complex."""
         return np.einsum("nm,nmd->nd", self.weights, points[self.nodes])
 
     def matrix(self, n_points: int) -> csr_array:
-        """The map of nodes to probes, shape (n, n_points)."""
+        """The map from nodes to probes, shape (n, n_points)."""
         rows = np.repeat(np.arange(self.n_probes), self.nodes.shape[1])
         return csr_array((self.weights.ravel(), (rows, self.nodes.ravel())), shape=(self.n_probes, n_points))
 
@@ -92,11 +91,10 @@ def opposite_probes(
     what: str = "probes",  # purpose of the probes, for messages
 ) -> tuple[Probes, Probes]:
     """Find where lines through points enter and leave a body."""
-    # Lines enter where they run against the normal into the fluid and leave where they run along it. Quads that a line
-    # grazes, within 1e-9 rad, do not count.
-    # `InputError` if an array has the wrong shape, a direction has no length, or a line does not cross the body
-    # returns entries, exits: ends of that part of each line within the body which holds its point, or else is nearest
-    # to it. A line through a seam of the grid gets the quad of the lowest number
+    # Lines enter where they run against the normal into the fluid and leave where they run along it. Quads grazed by a
+    # line, within 1e-9 rad, are ignored. `InputError` if an array has the wrong shape, a direction has zero length, or
+    # a line does not cross the body returns entries, exits: ends of the part of each line within the body that contains
+    # its point, or else is nearest to it. A line through a seam of the grid gets the quad with the lowest number
     points, directions = as_points(points, what), _as_directions(directions, len(points), what)
     found = find_crossings(surface, points, directions)
     entries, exits = body_intervals(found, FLAT * surface.size)
@@ -144,9 +142,9 @@ class Crossings(NamedTuple):
     # line and quad of each
     line: np.ndarray  # int (n,)
     quad: np.ndarray  # int (n,)
-    parameters: np.ndarray  # (n, 2), place in the quad, from 0 to 1
+    parameters: np.ndarray  # (n, 2), position in the quad, from 0 to 1
     depth: np.ndarray  # (n,), distance along the line from its point (m)
-    is_exit: np.ndarray  # bool (n,), whether the line runs along the normal of the quad, and not against it
+    is_exit: np.ndarray  # bool (n,), whether the line runs along the normal of the quad, not against it
 
     def take(self, rows: np.ndarray) -> Crossings:
         """Some of them, in the order of ``rows``."""
@@ -160,11 +158,11 @@ def find_crossings(
     directions: np.ndarray,  # (n, 3)
 ) -> Crossings:
     """Find all crossings of lines with the bilinear quads of a surface."""
-    # 1. Quads whose box, seen along a line, holds the line are candidates.
+    # 1. Quads whose box, seen along a line, contains the line are candidates.
     # 2. Their corners are seen along the line, which becomes the third axis through the origin.
-    # 3. Two pairs of parameters may put the origin of the first two coordinates into a quad.
-    # 4. Those that do so within a tolerance are crossings, unless the line grazes the quad.
-    # 5. Crossings are put in the order of lines and quads.
+    # 3. Two pairs of parameters may place the origin of the first two coordinates in a quad.
+    # 4. The ones that do so within a tolerance are crossings, unless the line grazes the quad.
+    # 5. Crossings are sorted by lines and quads.
     frames = _frames(directions)
     touch = _TOUCH * surface.size
     # step 1
@@ -182,10 +180,10 @@ def find_crossings(
 
 def body_intervals(
     found: Crossings,  # all crossings
-    tolerance: float,  # thickness (m) that is taken for none: there the line enters before it leaves
-) -> tuple[Crossings, Crossings]:  # entries, exits: the ends of the parts, one for every line that has one
-    """Find the part of every line within the body that holds the point of the line, or else is nearest to it."""
-    # along each line; entries count as nearer by the tolerance, so that a flat body is entered before it is left
+    tolerance: float,  # thickness (m) that counts as zero: there the line enters before it leaves
+) -> tuple[Crossings, Crossings]:  # entries, exits: the ends of the parts, one for every line with a part
+    """Find the part of every line within the body that contains the point of the line, or else is nearest to it."""
+    # along each line; entries count as nearer by the tolerance, so a flat body is entered before it is left
     found = found.take(np.lexsort((found.quad, found.depth - tolerance * ~found.is_exit, found.line)))
     inside = np.flatnonzero((np.diff(found.line) == 0) & ~found.is_exit[:-1] & found.is_exit[1:])
     miss = np.maximum(np.maximum(found.depth[inside], -found.depth[inside + 1]), 0.0)
@@ -205,7 +203,7 @@ def _frames(directions: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _near_line(points, quads, origin, frame, touch):
-    """Quads whose box, seen along a line, holds the line: those with corners on all of its four sides."""
+    """Quads whose box, seen along a line, contains the line: they have corners on all four sides of it."""
     sides = np.empty(len(points), dtype=np.uint8)
     for n in range(len(points)):
         x, y, z = points[n, 0] - origin[0], points[n, 1] - origin[1], points[n, 2] - origin[2]
@@ -219,7 +217,7 @@ def _near_line(points, quads, origin, frame, touch):
 
 
 def _meeting(corners: np.ndarray) -> Iterator[np.ndarray]:
-    """Two pairs of parameters, each shape (n, 2), at which quads in the plane, shape (n, 4, 2), may hold the origin."""
+    """Two pairs of parameters, each shape (n, 2), at which plane quads, shape (n, 4, 2), may contain the origin."""
     # With ``x = a + b s + c t + d s t`` the first parameter drops out of ``(a + c t) x (b + d t) = 0``.
     a, b, c = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
     d = corners[:, 2] - corners[:, 3] - b
@@ -232,14 +230,14 @@ def _meeting(corners: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _roots(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Both roots c / q and q / a of ``a t^2 + b t + c``, 0 where there is none (Numerical Recipes, section 5.6)."""
+    """Both roots c / q and q / a of ``a t^2 + b t + c``, 0 if there is none (Numerical Recipes, section 5.6)."""
     # one sign of the root: b and the root do not cancel
     q = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b * b - 4.0 * a * c, 0.0)), b))
     return _ratio(c, q), _ratio(q, a)
 
 
 def _ratio(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """``p / q`` where that is a parameter of a quad or near one, else 0."""
+    """``p / q`` if it is a parameter of a quad or near one, else 0."""
     is_small = np.abs(p) < 2.0 * np.abs(q)
     return np.where(is_small, p, 0.0) / np.where(is_small, q, 1.0)
 

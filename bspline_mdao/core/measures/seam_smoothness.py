@@ -1,18 +1,18 @@
-"""Kinks and jumps of curvature across seams as numbers of control points, with derivatives: for constraints.
+"""Kinks and curvature jumps across seams as functions of control points, with derivatives, for constraints.
 
 At places along a seam, X is the derivative into a side and Y the one along the seam; N, which is ``X x Y`` or its
-opposite, points into the fluid. The kink is the angle between the normals of both sides. The curvature across the seam
-is the normal curvature at right angles to Y,
+negative, points into the fluid. The kink is the angle between the normals of both sides. The curvature across the seam
+is the normal curvature perpendicular to Y,
 
     k = N . (G^2 S_xx - 2 F G S_xy + F^2 S_yy) / (G W^(3/2)),   F = X . Y,  G = Y . Y,  W = X . X G - F^2.
 
-Where there is no kink along a whole seam, both sides have all curvatures in common (G2) where they have this one.
-Theory: ``docs/theory/linear_constraints.rst``.
+If a whole seam has no kink, both sides share all curvatures (G2) wherever they share this one. Theory:
+``docs/theory/linear_constraints.rst``.
 
 References
 ----------
-M. P. do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, section 3-3: normal curvature by the coefficients
-of the fundamental forms.
+M. P. do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, section 3-3: normal curvature from the
+coefficients of the fundamental forms.
 """
 
 from __future__ import annotations
@@ -40,14 +40,15 @@ __all__ = ["SeamSmoothness"]
 DEGREES = 180.0 / np.pi
 
 NO_PLANE = 1e-6
-"""Sine between both derivatives of a side, or part of the longest of them, at which it has no tangent plane."""
+"""Sine between both derivatives of a side, or their length relative to the longest, at which it has no tangent
+plane."""
 
 LINES = 3
-"""Lines of control points from the seam that second derivatives depend on."""
+"""Number of control point lines from the seam on which second derivatives depend."""
 
 
 class _Bend(NamedTuple):
-    """What the curvature of a side is made of."""
+    """Quantities that give the curvature of a side."""
 
     normal: np.ndarray
     f: np.ndarray
@@ -68,11 +69,11 @@ class SeamSmoothness(OneLine):
     points : ndarray, shape (n_surface, 3)
         Surface control points of the baseline (m).
     derivatives : Combinations
-        Eight derivatives at every place: Y, S_yy, and X, S_xx, S_xy of either side.
+        Eight derivatives at every place: Y, S_yy, and X, S_xx, S_xy of each side.
     signs : ndarray, shape (n,)
-        Of ``X x Y`` of the first side, to point into the fluid.
+        Signs with which ``X x Y`` of the first side points into the fluid.
     of_curvature : bool
-        Jumps of curvature rather than kinks.
+        Whether it measures curvature jumps instead of kinks.
     name : str
         Name of the output.
 
@@ -105,18 +106,18 @@ class SeamSmoothness(OneLine):
         max_kink: float = 5.0,
         name: str = "seam_kinks",
     ) -> SeamSmoothness:
-        """Angles between the tangent planes of both sides (deg), positive where the surface has an edge.
+        """Return angles between the tangent planes of both sides (deg), positive where the surface has an edge.
 
         Parameters
         ----------
         model : FittedModel
-            The model; it is the splines that are measured, without the residual.
+            The model, whose splines are measured without the residual.
         mesh : MovingMesh
             Its control mesh, which numbers the surface control points.
         patches : str or sequence of str, optional
             Patches by name or pattern; all walls by default.
         n_places : int
-            Places along each seam, evenly in its parameter, without its ends.
+            Number of places along each seam, evenly in its parameter, without its ends.
         max_kink : float
             Places with a larger kink on the baseline (deg) are left out.
         name : str
@@ -125,7 +126,7 @@ class SeamSmoothness(OneLine):
         Raises
         ------
         InputError
-            If a patch does not exist, the mesh is that of another model, or no place is smooth.
+            If a patch does not exist, the mesh belongs to another model, or no place is smooth.
         """
         require_kind(model, FittedModel, "the model of seams", "make it with fit_grid(grid)")
         require_mesh_of(model, mesh, "seams: the mesh")
@@ -162,9 +163,9 @@ class SeamSmoothness(OneLine):
         max_kink: float = 5.0,
         name: str = "seam_curvature_jumps",
     ) -> SeamSmoothness:
-        """Curvature across the seam of the second side less that of the first (1/m).
+        """Return the second side's curvature across the seam minus the first side's (1/m).
 
-        Parameters and errors are those of `kinks`. Curvature is positive where the surface bends towards its normal.
+        Parameters and errors are as for `kinks`. Curvature is positive where the surface bends towards its normal.
         """
         found = cls.kinks(model, mesh, patches, n_places=n_places, max_kink=max_kink, name=name)
         return replace(found, of_curvature=True)
@@ -180,7 +181,7 @@ class SeamSmoothness(OneLine):
         return (self.derivatives.n_places,)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Kinks (deg) or jumps (1/m), shape (n,), of surface control points, shape (n_surface, 3); real or complex."""
+        """Kinks (deg) or jumps (1/m), shape (n,), from surface control points (n_surface, 3); real or complex."""
         vectors = self.derivatives.vectors(points)
         if self.of_curvature:
             first, second = self._bends(vectors)
@@ -211,14 +212,14 @@ class SeamSmoothness(OneLine):
         return self.signs * dots(np.cross(second, first), y) / np.sqrt(dots(y, y)), dots(first, second)
 
     def _of_kinks(self, vectors: np.ndarray) -> list[np.ndarray]:
-        """Derivatives of kinks in the vectors."""
+        """Derivatives of kinks with respect to the vectors."""
         y, x1, x2 = vectors[0], vectors[2], vectors[5]
         first, second = np.cross(x1, y), np.cross(y, x2)
         sine, cosine = self._sine_and_cosine(vectors)
         scale = DEGREES / (sine**2 + cosine**2)
         of_sine = (scale * cosine * self.signs)[:, None] * y / np.sqrt(dots(y, y))[:, None]
         of_cosine = -(scale * sine)[:, None]
-        # both normals are at right angles to Y: the length and direction of Y in the sine do not count
+        # both normals are perpendicular to Y: the length and direction of Y do not affect the sine
         of_first = np.cross(of_sine, second) + of_cosine * second
         of_second = np.cross(first, of_sine) + of_cosine * first
         none = np.zeros_like(y)
@@ -230,7 +231,7 @@ class SeamSmoothness(OneLine):
         return _bend(self.signs, y, yy, *sides[:3]), _bend(-self.signs, y, yy, *sides[3:])
 
     def _of_bends(self, vectors: np.ndarray) -> list[np.ndarray]:
-        """Derivatives of jumps in the vectors."""
+        """Derivatives of jumps with respect to the vectors."""
         y, yy, *sides = vectors
         first, second = self._bends(vectors)
         a = _of_bend(-np.ones(len(y)), self.signs, first, y, yy, *sides[:3])
@@ -258,7 +259,7 @@ def _of_bend(
     xx: np.ndarray,
     xy: np.ndarray,
 ) -> list[np.ndarray]:
-    """Derivatives of a side's curvature in Y, S_yy, X, S_xx and S_xy, times ``bar``."""
+    """Derivatives of a side's curvature with respect to Y, S_yy, X, S_xx and S_xy, times ``bar``."""
     normal, f, g, w, a, b, c, value = bend
     per = bar / (g * w**1.5)
     a_bar, b_bar, c_bar = per * g * g, -2.0 * per * f * g, per * f * f
@@ -280,7 +281,7 @@ def _of_seam(seam: Seam, t: np.ndarray, mesh: MovingMesh) -> tuple[list[csr_arra
 
 
 def _of_edge(edge: SideEdge, t: np.ndarray, mesh: MovingMesh) -> list[csr_array]:
-    """Weights in Y, S_yy, X, S_xx and S_xy: derivatives of nets in which one control point is one."""
+    """Weights in Y, S_yy, X, S_xx and S_xy: derivatives of nets with one control point equal to one."""
     side, shape = edge.side, edge.ids.shape
     lines = np.moveaxis(np.arange(edge.ids.size).reshape(shape), edge.axis, 0)
     near = (lines[::-1] if edge.end else lines)[:LINES].ravel()

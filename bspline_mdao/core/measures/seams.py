@@ -1,4 +1,4 @@
-"""How smooth a surface is across its seams and at its poles: angles between tangent planes, curvatures on either side.
+"""Smoothness of a surface across its seams and at its poles: angles between tangent planes, curvatures on both sides.
 
 At places along a seam, ``n`` is the unit normal of a side, ``T`` the unit tangent of the seam and ``h = n x T`` the
 direction across it in the tangent plane. The normal curvature in that direction is ``II(d, d)`` where
@@ -7,7 +7,7 @@ Theory: ``docs/theory/linear_constraints.rst``.
 
 References
 ----------
-M. P. do Carmo, *Differential Geometry of Curves and Surfaces*, 1976: normal curvature by the second fundamental form.
+M. P. do Carmo, *Differential Geometry of Curves and Surfaces*, 1976: normal curvature from the second fundamental form.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from ..model.fitted_model import FittedModel
 __all__ = ["PoleContinuity", "SeamContinuity", "pole_continuity", "seam_continuity"]
 
 NO_PLANE = 1e-6
-"""Sine between the two derivatives of a side, or part of the longest of them, at which it has no tangent plane."""
+"""Sine between the two derivatives of a side, or their length relative to the longest, at which it has no tangent
+plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +44,11 @@ class SeamContinuity(OneLine):
     points : ndarray, shape (n, 3)
         Places along the seam (m).
     kinks : ndarray, shape (n,)
-        Angles between the two tangent planes (deg): 0 where the surface is smooth, 180 where it turns back on itself.
+        Angles between the two tangent planes (deg): 0 where the surface is smooth, 180 where it folds back on itself.
     curvatures : ndarray, shape (n, 2)
-        Normal curvature across the seam on either side (1/m).
+        Normal curvature across the seam on each side (1/m).
     number : int
-        Number of the seam, the same however control points move.
+        Number of the seam, independent of how control points move.
 
     Examples
     --------
@@ -72,7 +73,7 @@ class SeamContinuity(OneLine):
 
     @property
     def max_jump(self) -> float:
-        """Largest difference between the curvatures of both sides (1/m); it has a meaning where there is no kink."""
+        """Largest difference between the curvatures of both sides (1/m); meaningful only without a kink."""
         return float(np.abs(np.diff(self.curvatures, axis=1)).max(initial=0.0))
 
 
@@ -89,20 +90,20 @@ def seam_continuity(
     Parameters
     ----------
     model : FittedModel
-        The model; it is the splines that are measured, without the residual.
+        The model, whose splines are measured without the residual.
     control_points : ndarray, shape (n_control_points, 3), optional
         Moved control points (m); the fitted ones by default.
     patches : str or sequence of str, optional
         Patches by name or pattern (``"wing*"``); all walls by default.
     n_places : int
-        Places along each seam, without its ends; those at which a side has no tangent plane are left out.
+        Number of places along each seam, without its ends; places without a tangent plane on a side are left out.
     mirror : bool
-        Take edges in planes of symmetry as well, as seams between a side and its mirror image.
+        Include edges in symmetry planes, as seams between a side and its mirror image.
 
     Returns
     -------
     tuple of SeamContinuity
-        The largest kink first.
+        Seams, the largest kink first.
 
     Raises
     ------
@@ -132,7 +133,7 @@ def seam_continuity(
 
 @dataclass(frozen=True, eq=False)
 class PoleContinuity(OneLine):
-    """Smoothness at a pole, to which edges of sides have collapsed.
+    """Smoothness at a pole, where edges of sides have collapsed.
 
     Parameters
     ----------
@@ -141,7 +142,7 @@ class PoleContinuity(OneLine):
     point : ndarray, shape (3,)
         The pole (m).
     kink : float
-        Largest angle between a direction in which the surface leaves the pole and the plane nearest to all (deg).
+        Largest angle between a direction of the surface out of the pole and the plane nearest to all directions (deg).
 
     Examples
     --------
@@ -163,19 +164,19 @@ def pole_continuity(
     patches: str | Sequence[str] | None = None,
     n_places: int = 21,
 ) -> tuple[PoleContinuity, ...]:
-    """Measure how far a surface is from having one tangent plane at points to which edges of its sides have collapsed.
+    """Measure the deviation from one tangent plane at points where edges of a surface's sides have collapsed.
 
     Parameters
     ----------
     model, control_points, patches
         As for `seam_continuity`.
     n_places : int
-        Directions out of the pole on each side.
+        Number of directions out of the pole on each side.
 
     Returns
     -------
     tuple of PoleContinuity
-        The largest kink first.
+        Poles, the largest kink first.
 
     Raises
     ------
@@ -201,7 +202,7 @@ def pole_continuity(
 def _sides(
     model: FittedModel, control_points: np.ndarray | None, patches: str | Sequence[str] | None
 ) -> list[SplineSide]:
-    """Sides on the surface of a model whose control points may have moved."""
+    """Sides on the surface of a model, possibly with moved control points."""
     require_kind(model, FittedModel, "the model of seams", "make it with fit_grid(grid)")
     points = model.control_points
     if control_points is not None:
@@ -210,7 +211,7 @@ def _sides(
 
 
 def _flatness(pole: Pole, sides: Sequence[SplineSide], t: np.ndarray) -> PoleContinuity:
-    """Largest angle of a direction out of a pole with the plane of all."""
+    """Largest angle between a direction out of a pole and the plane of all."""
     out = np.concatenate([edge.side.gradients(*edge.uv(t))[..., edge.axis] * edge.inward for edge in pole.edges])
     size = lengths(out)
     directions = out[size > NO_PLANE * size.max(initial=0.0)]

@@ -1,4 +1,4 @@
-"""Area of a section: the volume between its planes of symmetry, by their distance.
+"""Area of a section: the volume between its symmetry planes, divided by their distance.
 
 Theory: ``docs/theory/geometry.rst``, "Sections as one curve".
 """
@@ -16,14 +16,14 @@ __all__ = ["SectionArea"]
 
 @dataclass(frozen=True, eq=False)
 class SectionArea(EnclosedVolume):
-    """Area of a section, one number whatever the span; make it by `of`.
+    """Area of a section, independent of the span; make it by `of`.
 
     Parameters
     ----------
     surface, quads, apexes, origin, units, name
-        As of `EnclosedVolume`.
+        As for `EnclosedVolume`.
     scale : float
-        Divisor of the volume: the distance of the planes (m), or the volume on the baseline.
+        Divisor of the volume: the distance between the planes (m), or the volume on the baseline.
 
     Examples
     --------
@@ -37,7 +37,7 @@ class SectionArea(EnclosedVolume):
 
     @classmethod
     def of(cls, surface: SurfaceGrid, relative: bool = False, name: str = "section_area") -> SectionArea:
-        """Measure a section between two planes of symmetry, see `SurfaceGrid.is_section`.
+        """Measure a section between two symmetry planes, see `SurfaceGrid.is_section`.
 
         Parameters
         ----------
@@ -56,7 +56,7 @@ class SectionArea(EnclosedVolume):
         Raises
         ------
         InputError
-            As `EnclosedVolume.of`; also if the surface is no section.
+            As `EnclosedVolume.of`; also if the surface is not a section.
         """
         span = surface.section_span
         if span is None:

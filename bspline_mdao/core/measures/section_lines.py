@@ -1,4 +1,4 @@
-"""Grid lines of a wing around its leading edge to the trailing edge, and the plane sections that they give.
+"""Grid lines of a wing around its leading edge to the trailing edge, and the resulting plane sections.
 
 Theory: ``docs/theory/geometry.rst``, "Leading and trailing edges".
 """
@@ -21,27 +21,27 @@ from ..mesh.surface import SurfaceGrid
 __all__ = ["GridLines", "SectionLines", "arc_parameters", "polynomial_weights", "stencil_matrix"]
 
 _LEVEL = 1e-9
-"""Part of the surface's size below which two nodes are at the same place along the stream or the span: round-off of
-nodes that were meant to be."""
+"""Fraction of the surface's size below which two nodes are at the same position along the stream or the span: round-off
+of nodes meant to be so."""
 
 _ALONG, _ACROSS = 0.9, 0.25
-"""A line of which one step went along the stream by more than the first part of its length ends at a step that goes by
-less than the second: at the corner of a blunt trailing edge."""
+"""A line with one step along the stream by more than the first fraction of its length ends at a step by less than the
+second: at the corner of a blunt trailing edge."""
 
 _CUBIC = 4
-"""Neighbouring lines from which a plane section is interpolated."""
+"""Number of neighbouring lines from which a plane section is interpolated."""
 
 
 @dataclass(frozen=True, eq=False)
 class SectionLines:
-    """Grid lines that cross the leading edge, from there over either side to the trailing edge."""
+    """Grid lines that cross the leading edge, from there along both sides to the trailing edge."""
 
     # Grid lines are not plane in general. The point of a plane section between lines is a fixed cubic combination of
-    # the nodes at the same place in the order of neighbouring lines, such that it is in the plane on the baseline.
+    # the nodes at the same position in the order of neighbouring lines, such that it is in the plane on the baseline.
 
     frame: Frame  # directions along the stream, normal and along the span
     points: np.ndarray  # (n, 3), nodes of the surface on the baseline (m)
-    # nodes of the upper and of the lower lines by span; the first is the leading edge, -1 stands behind the last
+    # nodes of the upper and lower lines by span; the first is the leading edge, -1 follows the last
     sides: tuple[np.ndarray, np.ndarray]  # int each (n_lines, longest)
 
     @classmethod
@@ -53,7 +53,7 @@ class SectionLines:
         frame: Frame | None = None,
     ) -> SectionLines:
         """Find the leading edge of a surface on the baseline, and the lines that cross it."""
-        # A node is on the leading edge if a grid line comes from behind it and goes back there on the other side, and
+        # A node is on the leading edge if a grid line arrives from downstream and returns there on the other side, and
         # ends further along the stream than along the span.
         wing = surface if patches is None else _only(surface, patches)
         ids = np.unique(wing.quads)
@@ -78,12 +78,12 @@ class SectionLines:
 
     @cached_property
     def span(self) -> np.ndarray:
-        """Place of every node of the baseline along the span (m), shape (n,)."""
+        """Position of every baseline node along the span (m), shape (n,)."""
         return self.frame.to_local(self.points)[:, 2]
 
     @cached_property
     def fractions(self) -> np.ndarray:
-        """Place of every node of the lines along its chord on the baseline, 0 to 1; shape (n,), 0 for other nodes."""
+        """Position of every node of the lines along its baseline chord, 0 to 1; shape (n,), 0 for other nodes."""
         stream = self.frame.to_local(self.points)[:, 0]
         edge = stream[self.sides[0][:, :1]]
         tail = np.mean([stream[self.trailing(side, 1)] for side in range(2)], axis=0)
@@ -93,7 +93,7 @@ class SectionLines:
         return fractions
 
     def leading(self, n: int) -> np.ndarray:
-        """Nodes about the leading edge, shape (n_lines, 2 n + 1): n on the lower side, the edge, n on the upper."""
+        """Nodes around the leading edge, shape (n_lines, 2 n + 1): n on the lower side, the edge, n on the upper."""
         # `InputError` if a line has fewer
         self._require(n + 1)
         upper, lower = self.sides
@@ -108,11 +108,11 @@ class SectionLines:
 
     def stations(
         self,
-        nodes: np.ndarray,  # int (n_lines, k), nodes of all lines that the sections will need
-        # fractions of the way from the first to the last line at the leading edge; one section for every line that is
-        # not outside of the ends of the neighbouring ones by default
+        nodes: np.ndarray,  # int (n_lines, k), nodes of all lines needed by the sections
+        # fractions of the way from the first to the last line at the leading edge; by default one section for every
+        # line that is not beyond the ends of its neighbours
         fractions: Sequence[float] | None,
-    ) -> np.ndarray:  # (n_stations,), places along the span (m)
+    ) -> np.ndarray:  # (n_stations,), positions along the span (m)
         """Choose the planes of sections."""
         edge, z = self.span[self.sides[0][:, 0]], self.span[nodes]
         low, high = z[0].max() - 1e-9 * np.ptp(edge), z[-1].min() + 1e-9 * np.ptp(edge)
@@ -130,13 +130,13 @@ class SectionLines:
 
     def cut(
         self,
-        nodes: np.ndarray,  # int (n_lines, k), nodes of all lines at k places of their order
-        stations: np.ndarray,  # (n_stations,), places of the sections along the span (m)
+        nodes: np.ndarray,  # int (n_lines, k), nodes of all lines at k positions of their order
+        stations: np.ndarray,  # (n_stations,), positions of the sections along the span (m)
     ) -> csr_array:
         """Matrix of shape (n_stations k, n) that gives k points of every section from the nodes of the surface."""
         n_lines, k = nodes.shape
         width = min(_CUBIC, n_lines)
-        # the line before the plane, place by place; the middle of the lines that are taken, as far as there are
+        # the line before the plane, position by position; the middle of the lines used, as far as they exist
         before = (self.span[nodes][:, None] < stations[:, None]).sum(axis=0) - 1
         first = np.clip(before - (width // 2 - 1), 0, n_lines - width)
         taken = nodes[first[..., None] + np.arange(width), np.arange(k)[:, None]].reshape(-1, width)
@@ -176,7 +176,7 @@ def _sides(lines: GridLines, local: np.ndarray, level: float) -> tuple[np.ndarra
 
 
 def _to_trailing_edge(lines: np.ndarray, local: np.ndarray) -> np.ndarray:
-    """Lines, shape (n, longest), cut off where they no longer run along the stream."""
+    """Lines, shape (n, longest), cut where they no longer run along the stream."""
     steps = np.diff(local[lines], axis=1)
     along = steps[..., 0] / np.maximum(np.linalg.norm(steps, axis=2), np.finfo(float).tiny)
     has_gone_along = np.maximum.accumulate(along > _ALONG, axis=1)
@@ -195,12 +195,12 @@ def _runs_along_stream(lines: np.ndarray, local: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class GridLines:
-    """Grid lines of a surface of quads: which edge continues which straight on through a node, whatever the faces."""
+    """Grid lines of a surface of quads: which edge continues which straight through a node, across faces."""
 
     # Two edges at a node continue each other if no quad lies between them and neither has another such partner: the
-    # opposite ones of the four at an ordinary node, and those along the boundary edges of the surface.
+    # opposite edges of the four at an ordinary node, and the edges along the boundary of the surface.
 
-    # three successive nodes of a line; every triple is there in both directions, in ascending order of the first two
+    # three successive nodes of a line; every triple occurs in both directions, in ascending order of the first two
     behind: np.ndarray  # int (n,)
     at: np.ndarray  # int (n,)
     ahead: np.ndarray  # int (n,)
@@ -221,14 +221,14 @@ class GridLines:
         return cls(behind, at, edges[pairs[:, 1], 1], n_nodes)
 
     def next(self, behind: np.ndarray, at: np.ndarray) -> np.ndarray:
-        """Node after two successive ones, each of shape (m,); -1 where the line ends."""
+        """Node after two successive ones, each of shape (m,); -1 if the line ends."""
         keys, wanted = self.behind * self.n_nodes + self.at, behind * self.n_nodes + at
         place = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
         return np.where((keys[place] == wanted) & (at >= 0), self.ahead[place], -1)
 
     def walk(self, start: np.ndarray, second: np.ndarray) -> np.ndarray:
         """Follow lines from their first two nodes, each of shape (m,), to their ends; shape (m, longest), -1 behind."""
-        # A line that closes is left where it has come round.
+        # A closed line ends where it returns to its start.
         columns = [start, second]
         while (columns[-1] >= 0).any():
             following = self.next(columns[-2], columns[-1])
@@ -237,7 +237,7 @@ class GridLines:
 
 
 def _directed_edges(quads: np.ndarray) -> np.ndarray:
-    """All edges in both directions, shape (n, 2), in ascending order, without those of no length."""
+    """All edges in both directions, shape (n, 2), in ascending order, without zero-length ones."""
     ends = np.concatenate([quads[:, [corner, (corner + 1) % 4]] for corner in range(4)])
     ends = ends[ends[:, 0] != ends[:, 1]]
     return np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
@@ -246,7 +246,7 @@ def _directed_edges(quads: np.ndarray) -> np.ndarray:
 def _turns(quads: np.ndarray) -> np.ndarray:
     """Successive corners of the quads in both directions, shape (n, 3)."""
     corners = [quads[:, [corner - 1, corner, (corner + 1) % 4]] for corner in range(4)]
-    for corner in range(4):  # a side of no length is passed over
+    for corner in range(4):  # a side of zero length is skipped
         collapsed = quads[quads[:, corner] == quads[:, (corner + 1) % 4]]
         corners.append(collapsed[:, [corner - 1, corner, (corner + 2) % 4]])
     turns = np.concatenate(corners)
@@ -264,18 +264,18 @@ def _pairs_of_edges(edges: np.ndarray, n_nodes: int) -> np.ndarray:
 
 
 def arc_parameters(points: np.ndarray) -> np.ndarray:
-    """Lengths along polylines from their first point, shape (n, k), of points, shape (n, k, d)."""
+    """Lengths along polylines from their first point, shape (n, k), from points, shape (n, k, d)."""
     lengths = np.linalg.norm(np.diff(points, axis=1), axis=2)
     return np.concatenate([np.zeros((len(points), 1)), np.cumsum(lengths, axis=1)], axis=1)
 
 
 def polynomial_weights(
-    parameters: np.ndarray,  # (n, k), different ones in each of n rows; 0 is where the derivative is taken
+    parameters: np.ndarray,  # (n, k), distinct in each of n rows; the derivative is taken at 0
     degree: int,  # degree of the polynomials, less than k; with k - 1 they interpolate
-    derivative: int,  # number of the derivative; 0 is the value
-    is_used: np.ndarray | None = None,  # bool (n, k), values that count; more than ``degree`` of every row
+    derivative: int,  # order of the derivative; 0 is the value
+    is_used: np.ndarray | None = None,  # bool (n, k), values used; more than ``degree`` in every row
 ) -> np.ndarray:  # (n, k)
-    """Return the weights of the values at k parameters in a derivative of the polynomial of best fit at parameter 0.
+    """Return the weights of the values at k parameters in a derivative of the least-squares polynomial at parameter 0.
 
     Examples
     --------
@@ -291,6 +291,6 @@ def polynomial_weights(
 
 
 def stencil_matrix(weights: np.ndarray) -> csr_array:
-    """Matrix of shape (n, n k) that combines k successive values in every row, of weights of shape (n, k)."""
+    """Matrix of shape (n, n k) that combines k successive values in every row, from weights of shape (n, k)."""
     n, k = weights.shape
     return csr_array((weights.ravel(), np.arange(n * k), k * np.arange(n + 1)), shape=(n, n * k))

@@ -25,14 +25,14 @@ from .probes import FLAT, ROUND_OFF, Probes, opposite_probes
 __all__ = ["MIDDLE", "Cut", "SectionThickness", "cuts_along_span", "section_edges", "stations_or_middle"]
 
 _LAST = 1e-6
-"""Part of the chord by which the corners of a blunt trailing edge may differ along the stream: fits place them no
-better than that."""
+"""Fraction of the chord by which the corners of a blunt trailing edge may differ along the stream: the accuracy of
+fits."""
 
 MIDDLE = (0.5,)
-"""Station of a section, which is the same all along the span."""
+"""Station of a section that is the same all along the span."""
 
 _THIN = 0.01
-"""Smallest t/c that scales a bound: where the baseline is thinner, as at a plate, the bound would be too sharp."""
+"""Smallest t/c that scales a bound: on a thinner baseline, such as a plate, the bound would be too sharp."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +59,7 @@ class SectionThickness(OneLine):
     Notes
     -----
     With n probes the largest t/c of a section lies between ``KS - scale ln(n) / rho`` and KS, the smallest between KS
-    and ``KS + scale ln(n) / rho``. Sections are material: probes and edges stay where they are in the parameters of
-    the surface.
+    and ``KS + scale ln(n) / rho``. Sections are material: probes and edges stay fixed in the parameters of the surface.
 
     Examples
     --------
@@ -99,10 +98,10 @@ class SectionThickness(OneLine):
         surface : SurfaceGrid
             The wing.
         stations : sequence of float or of Cut, optional
-            Fractions of the span (`cuts_along_span`), or planes: a winglet is cut across its own span. Of a grid about
-            a section (`SurfaceGrid.is_section`) its middle by default; of a wing they have to be given.
+            Fractions of the span (`cuts_along_span`), or planes: a winglet is cut across its own span. The default for
+            a grid about a section (`SurfaceGrid.is_section`) is its middle; for a wing they must be given.
         chordwise : sequence of float or int
-            Fractions of the chord at which the thickness is measured, across the chord; of a number n, ``1 / (n + 1)``
+            Fractions of the chord at which the thickness is measured, across the chord; for a number n, ``1 / (n + 1)``
             to ``n / (n + 1)``.
         smallest : bool
             Whether to bound the smallest t/c instead of the largest.
@@ -114,7 +113,7 @@ class SectionThickness(OneLine):
         Returns
         -------
         SectionThickness
-            Its output has one number for every station.
+            Measure with one number for every station.
 
         Raises
         ------
@@ -144,11 +143,11 @@ class SectionThickness(OneLine):
         return (len(self.scales),)
 
     def ratios(self, points: np.ndarray) -> np.ndarray:
-        """Thickness divided by chord at all probes, shape (n_sections, n), of nodes, shape (n_points, 3)."""
+        """Thickness divided by chord at all probes, shape (n_sections, n), from nodes, shape (n_points, 3)."""
         return _ratios(self.vectors.vectors(points))
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Bounds, shape (n_sections,), of nodes, shape (n_points, 3)."""
+        """Bounds, shape (n_sections,), from nodes, shape (n_points, 3)."""
         return self._bounds(self._scaled(self.ratios(points))) * -self.sign * self.scales
 
     def partials(self, points: np.ndarray) -> csr_array:
@@ -162,7 +161,7 @@ class SectionThickness(OneLine):
         return self.vectors.chain([of_chord, *(weights.T[..., None] * along)])
 
     def _scaled(self, ratios: np.ndarray) -> np.ndarray:
-        """Ratios in units of the scales, with the sign with which the rule bounds them from below."""
+        """Ratios in units of the scales, with the sign for which the rule bounds them from below."""
         return -self.sign * ratios / self.scales[:, None]
 
     def _bounds(self, scaled: np.ndarray) -> np.ndarray:
@@ -170,7 +169,7 @@ class SectionThickness(OneLine):
 
 
 def stations_or_middle(surface: SurfaceGrid, stations: Sequence[Any] | None, what: str) -> Sequence[Any]:
-    """Return stations as they are given; of a section its middle where they are not."""
+    """Return the given stations; by default, the middle of a section."""
     if stations is not None:
         return stations
     if not surface.is_section:
@@ -196,7 +195,7 @@ def _section_vectors(
 
 
 def _ratios(vectors: np.ndarray) -> np.ndarray:
-    """Lengths of all vectors but the first, divided by that of the first; shape (n_sections, n)."""
+    """Lengths of all vectors but the first, divided by the length of the first; shape (n_sections, n)."""
     return (lengths(vectors[1:]) / lengths(vectors[0])).T
 
 
@@ -224,8 +223,8 @@ class Cut:
 
 def cuts_along_span(
     surface: SurfaceGrid,  # the wing
-    # fractions of the span, from 0 to 1, from the plane of symmetry that the wing starts on (`surface_frame`), or from
-    # where sections are whole, if it starts at a fuselage (`root_end`)
+    # fractions of the span, from 0 to 1, measured from the symmetry plane at which the wing starts (`surface_frame`),
+    # or from where sections are complete, if it starts at a fuselage (`root_end`)
     fractions: Sequence[float],
     frame: Frame | None = None,  # directions; found from the box of the wing by default
 ) -> tuple[Cut, ...]:
@@ -245,9 +244,9 @@ def section_edges(
 ) -> tuple[Probes, Probes]:
     """Find the leading and the trailing edge of plane sections."""
     # `InputError` if a plane does not cut the surface, or touches it in one point
-    # returns leading, trailing: one probe of either for every cut. The trailing edge is the furthest point along the
-    # stream, or half-way between two that are equally far; the leading edge is the point furthest from it. Both are
-    # found where the plane cuts the edges of quads
+    # returns leading, trailing: one probe of each for every cut. The trailing edge is the furthest point along the
+    # stream, or midway between two that are equally far; the leading edge is the point furthest from it. Both are found
+    # where the plane cuts the edges of quads
     edges = edges_of_quads(surface.quads)
     found = [_ends(surface, edges, cut, f"{what}: section {n} of {len(cuts)}") for n, cut in enumerate(cuts, start=1)]
     nodes, weights = (np.array(values) for values in zip(*found))

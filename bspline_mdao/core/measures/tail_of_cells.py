@@ -23,22 +23,22 @@ from .section_lines import polynomial_weights
 __all__ = ["tail_lines", "tail_tangents"]
 
 FACING = 0.5
-"""Cosine of the angle to the normal of the planform, in the plane of a section, from which on a cell is one of the
-upper or lower side: the base of a blunt trailing edge faces downstream."""
+"""Cosine of the angle to the planform normal, in the plane of a section, from which a cell belongs to the upper or
+lower side: the base of a blunt trailing edge faces downstream."""
 
 LEVEL = 1e-6
-"""Part of the chord by which points of a section are equally far downstream: fits place them no better than that."""
+"""Fraction of the chord within which points of a section are equally far downstream: the accuracy of fits."""
 
 SIDES = {"upper": 1.0, "lower": -1.0}
-"""Sides, and the sense of their normals."""
+"""Sides, and the signs of their normals."""
 
 
 def tail_tangents(sections: CellSections) -> list[csr_array]:
-    """Find the tangents of the upper and the lower side at the trailing edge, forward, as combinations of nodes."""
+    """Find the forward tangents of the upper and lower side at the trailing edge, as combinations of nodes."""
     # 1. The end of a side is the point furthest downstream at an edge of one of its cells, where the side has a kink.
-    # 2. At both nodes of that edge the side has derivatives by u and v. What stays in the plane of the section on the
-    #    baseline is its tangent there.
-    # 3. That of the section is between them as the point is.
+    # 2. At both nodes of that edge the side has derivatives with respect to u and v. Their combination in the plane of
+    #    the section on the baseline is its tangent there.
+    # 3. The section's tangent is interpolated between them like the point.
     corners, edges = SmoothCorners(sections.wing.points, sections.wing.quads), _edges_of(sections)
     cuts, found = list(_cuts(sections, edges)), []
     for side in SIDES:
@@ -56,10 +56,10 @@ def tail_lines(
     sections: CellSections,
     between: tuple[float, float],  # fractions of the chord
 ) -> list[csr_array]:
-    """Fit straight lines to the upper and the lower side between two fractions of the chord: tangents, forward."""
+    """Fit straight lines to the upper and lower side between two fractions of the chord: forward tangents."""
     # 1. Points of a section are where its plane cuts edges of cells, fixed combinations of nodes. Each is on the side
-    #    that the cells at its edge face.
-    # 2. A line fits the points of a side best, by their distances from the trailing edge along the chord.
+    #    faced by the cells at its edge.
+    # 2. A line is fitted to the points of a side, with their chordwise distances from the trailing edge as parameters.
     wing, edges = sections.wing, _edges_of(sections)
     start, chord = sections.leading.at(wing.points), sections.chord @ wing.points
     found: list[list[csr_array]] = [[] for _ in SIDES]
@@ -85,8 +85,8 @@ class _Edges(NamedTuple):
 
     nodes: np.ndarray  # int (n, 2)
     normals: np.ndarray  # (n, 3), sums of the unit normals of their cells
-    has_kink: np.ndarray  # bool (n,), whether cells on both sides make a kink, or there is one side alone
-    is_of: dict[str, np.ndarray]  # bool (n,) each, whether a cell of the upper, of the lower side is at the edge
+    has_kink: np.ndarray  # bool (n,), whether cells on both sides form a kink, or there is only one side
+    is_of: dict[str, np.ndarray]  # bool (n,) each, whether a cell of the upper or lower side is at the edge
 
 
 class _Cut(NamedTuple):
@@ -138,10 +138,10 @@ def _in_planes(
     sections: CellSections,
     corners: SmoothCorners,
     nodes: np.ndarray,  # int (n,), one for each section
-    sense: float,  # of the normals of the side
+    sense: float,  # sign of the side's normals
     is_used: np.ndarray,  # bool (n,), whether a node has a weight
 ) -> csr_array:
-    """Matrix of the unit tangents of one side at nodes, in the planes of sections and against the stream."""
+    """Matrix of the unit tangents of one side at nodes, in the planes of sections, pointing upstream."""
     stream, up, span = sections.frame.axes
     order = np.argsort(corners.nodes, kind="stable")
     ends = np.searchsorted(corners.nodes[order], np.stack([nodes, nodes + 1], axis=1))

@@ -1,4 +1,4 @@
-"""Thickness of a body at probes, along given lines or on a grid of lines.
+"""Thickness of a body at probes, along given lines or a grid of lines.
 
 Theory: ``docs/theory/geometry.rst``, "Thickness".
 """
@@ -25,8 +25,7 @@ from .section_thickness import cuts_along_span, section_edges, stations_or_middl
 __all__ = ["Thickness", "ruled_normals", "ruled_points", "within_edges"]
 
 CHORD, SPAN = (0.05, 0.95), (0.02, 0.98)
-"""Parts of the chord and of the span between which the thickness is measured: at a rounded tip, and at an edge, there
-is none."""
+"""Fractions of chord and span between which the thickness is measured: it vanishes at a rounded tip and at an edge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +39,7 @@ class Thickness(OneLine):
     surface : SurfaceGrid
         The surface.
     across : Combinations
-        From one probe to the opposite one, n of them.
+        The n vectors from one probe to the opposite one.
     directions : ndarray, shape (n, 3)
         Unit vectors along the lines on the baseline.
     scales : ndarray, shape (n,)
@@ -54,8 +53,8 @@ class Thickness(OneLine):
 
     Notes
     -----
-    A distance cannot tell a body from one turned inside out. Where it is nil, as on a flat plate, its derivative is
-    that of opening along the line.
+    A distance cannot distinguish a body from an inverted one. If it is zero, as on a flat plate, its derivative is
+    taken for opening along the line.
 
     Examples
     --------
@@ -92,7 +91,8 @@ class Thickness(OneLine):
         surface : SurfaceGrid
             The surface.
         points : ndarray, shape (..., 3)
-            A point of each line (m), in the body or near it; the output has the shape of all dimensions but the last.
+            A point of each line (m), in the body or near it; the output has the shape of all dimensions except the
+            last.
         direction : ndarray, shape (3,) or (..., 3), optional
             Directions of the lines; by default normal to the planform (`planform_normal`).
         relative : bool
@@ -107,7 +107,7 @@ class Thickness(OneLine):
         Raises
         ------
         InputError
-            If a line does not cross the surface, or with ``relative`` there is no thickness on the baseline.
+            If a line does not cross the surface, or with ``relative``, if the baseline has no thickness.
 
         Examples
         --------
@@ -147,32 +147,33 @@ class Thickness(OneLine):
         chord: tuple[float, float] = CHORD,
         span: tuple[float, float] = SPAN,
     ) -> Thickness:
-        """Measure on a grid of lines, at right angles to the ruled surface between two polylines.
+        """Measure on a grid of lines, perpendicular to the ruled surface between two polylines.
 
         Parameters
         ----------
         surface : SurfaceGrid
             The surface.
         n_chord, n_span : int
-            Lines along the chord and along the span, evenly spread from end to end. One along the span is in its
-            middle: of a grid about a section (`SurfaceGrid.is_section`) that is the default; of a wing give how many.
+            Number of lines along the chord and along the span, evenly spread from end to end. A single one along the
+            span is in its middle, the default for a grid about a section (`SurfaceGrid.is_section`); for a wing the
+            number must be given.
         relative, name
             As for `at`.
         leading, trailing : ndarray, shape (m, 3), optional
-            Polylines within the body (m), a little behind the leading and before the trailing edge. By default they are
-            found on the surface, see `within_edges`.
+            Polylines within the body (m), slightly behind the leading and ahead of the trailing edge. By default they
+            are found on the surface, see `within_edges`.
         chord, span : tuple of float
-            Parts of the chord and of the span between which they are found: 0 is the leading edge and the root.
+            Fractions of chord and span between which they are found: 0 is the leading edge and the root.
 
         Returns
         -------
         Thickness
-            Its output has the shape (n_span, n_chord).
+            Measure with output of shape (n_span, n_chord).
 
         Raises
         ------
         InputError
-            As `at`; also if a polyline has no length, or fewer than two lines are asked for either way.
+            As `at`; also if a polyline has zero length, or fewer than two lines are requested in a direction.
 
         Examples
         --------
@@ -201,28 +202,28 @@ class Thickness(OneLine):
         relative: bool = False,
         name: str = "thickness",
     ) -> Thickness:
-        """Measure at parts of the chord of plane sections, at right angles to their chord lines.
+        """Measure at chord fractions of plane sections, perpendicular to their chord lines.
 
         Parameters
         ----------
         surface : SurfaceGrid
             The surface.
         parts : sequence of float
-            Parts of the chord, between 0 at the leading and 1 at the trailing edge.
+            Fractions of the chord, between 0 at the leading and 1 at the trailing edge.
         stations : sequence of float, optional
-            Fractions of the span; of a grid about a section (`SurfaceGrid.is_section`) its middle by default.
+            Fractions of the span; by default the middle for a grid about a section (`SurfaceGrid.is_section`).
         relative, name
             As for `at`.
 
         Returns
         -------
         Thickness
-            Its output has the shape (n_parts,) of a section without stations, else (n_stations, n_parts).
+            Measure with output of shape (n_parts,) for a section without stations, else (n_stations, n_parts).
 
         Raises
         ------
         InputError
-            As `at`; also if parts or stations are none.
+            As `at`; also if parts or stations are invalid.
 
         Examples
         --------
@@ -245,7 +246,7 @@ class Thickness(OneLine):
         return cls.at(surface, points, directions, relative, name)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Distances, of the shape of the output, of nodes, shape (n_points, 3)."""
+        """Distances, in the shape of the output, from nodes, shape (n_points, 3)."""
         return (lengths(self.across.vectors(points)[0]) / self.scales).reshape(self.shape)
 
     def partials(self, points: np.ndarray) -> csr_array:
@@ -255,7 +256,7 @@ class Thickness(OneLine):
 
 
 def _require_thickness(baseline: np.ndarray, surface: SurfaceGrid, points: np.ndarray, name: str) -> None:
-    """Refuse probes at which the baseline has no thickness to be relative to."""
+    """Refuse probes where the baseline has no thickness to divide by."""
     is_flat = baseline <= FLAT * surface.size
     if is_flat.any():
         number = int(np.argmax(is_flat))
@@ -268,13 +269,13 @@ def _require_thickness(baseline: np.ndarray, surface: SurfaceGrid, points: np.nd
 
 def within_edges(
     surface: SurfaceGrid,  # a wing
-    # parts of the chord, 0 the leading and 1 the trailing edge, and of the span, 0 the root and 1 the tip
+    # fractions of the chord, from leading edge (0) to trailing edge (1), and of the span, from root (0) to tip (1)
     chord: tuple[float, float] = CHORD,
     span: tuple[float, float] = SPAN,
-    n: int = 9,  # Sections, at least 2
+    n: int = 9,  # sections, at least 2
     what: str = "edges",  # purpose of the lines, for messages
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the polylines at two parts of the chord of plane sections across the span."""
+    """Find the polylines at two chord fractions of plane sections across the span."""
     # returns leading, trailing (n, 3): points of the chord lines on the baseline (m), the root first
     for name, parts in (("chord", chord), ("span", span)):
         if len(parts) != 2 or not 0.0 <= parts[0] < parts[1] <= 1.0:

@@ -1,4 +1,4 @@
-"""Volume that a surface encloses, its open edges closed by planes of symmetry.
+"""Volume enclosed by a surface whose open edges are closed by symmetry planes.
 
 Theory: ``docs/theory/geometry.rst``, "Volume".
 """
@@ -24,12 +24,12 @@ _IN_PLANE = 1e-6
 the errors of fits and of grids in single precision, well below the width of a cell."""
 
 _NONE = 1e-14
-"""Volume, relative to the cube of the diagonal of the surface's box, that may be round-off of the sum of cones."""
+"""Volume, relative to the cubed diagonal of the surface's box, that may be round-off of the sum of cones."""
 
 
 @dataclass(frozen=True, eq=False)
 class EnclosedVolume(OneLine):
-    """Volume between bilinear quads and the planes of symmetry on which they end; make it by `of`.
+    """Volume between bilinear quads and the symmetry planes on which they end; make it by `of`.
 
     Parameters
     ----------
@@ -38,11 +38,11 @@ class EnclosedVolume(OneLine):
     quads : ndarray of int, shape (n, 4)
         Quads of the surface, and triangles that close it.
     apexes : ndarray, shape (n_apexes, 3)
-        Fixed points (m) with the numbers after those of the nodes: apexes of the triangles.
+        Fixed points (m), numbered after the nodes: apexes of the triangles.
     origin : ndarray, shape (3,)
-        Point that the cones of all quads have in common (m).
+        Common apex of the cones on all quads (m).
     scale : float
-        Divisor of the sum: the volume on the baseline (m^3), or 1; negative where normals point inwards.
+        Divisor of the sum: the volume on the baseline (m^3), or 1; negative if normals point inwards.
     units : str or None
         Units.
     name : str
@@ -50,9 +50,9 @@ class EnclosedVolume(OneLine):
 
     Notes
     -----
-    By the divergence theorem the volume is the sum of the cones on all quads, a third of the mean corner times the area
-    vector each, exactly. With the origin in a plane of symmetry the opening there contributes nothing; between parallel
-    planes the openings are closed by triangles. Nodes in these planes are taken to stay there.
+    By the divergence theorem the volume is exactly the sum of the cones on all quads, each a third of the mean corner
+    times the area vector. With the origin in a symmetry plane the opening there contributes nothing; between parallel
+    planes the openings are closed by triangles. Nodes in these planes are assumed to stay there.
 
     Examples
     --------
@@ -76,7 +76,7 @@ class EnclosedVolume(OneLine):
 
     @classmethod
     def of(cls, surface: SurfaceGrid, relative: bool = False, name: str = "volume") -> EnclosedVolume:
-        """Measure a closed surface, or one that ends on planes of symmetry.
+        """Measure a closed surface, or one that ends on symmetry planes.
 
         Parameters
         ----------
@@ -95,7 +95,7 @@ class EnclosedVolume(OneLine):
         Raises
         ------
         InputError
-            If the surface is open elsewhere (the edge is named), or with ``relative`` there is no volume yet.
+            If the surface is open elsewhere (the edge is named), or with ``relative``, if the baseline has no volume.
 
         Examples
         --------
@@ -115,7 +115,7 @@ class EnclosedVolume(OneLine):
         return _directed(measure, relative)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Volume, shape (1,), of nodes, shape (n_points, 3)."""
+        """Volume, shape (1,), from nodes, shape (n_points, 3)."""
         corners = self._corners(points)
         return np.array([np.sum(corners.mean(axis=1) * area_vectors(corners)) / (3.0 * self.scale)])
 
@@ -131,7 +131,7 @@ class EnclosedVolume(OneLine):
 
 
 def _directed(measure: EnclosedVolume, relative: bool) -> EnclosedVolume:
-    """Take the side of the surface on which there is a volume."""
+    """Choose the side of the surface that encloses the volume."""
     least = _NONE * measure.surface.size**3
     if relative:
         return relative_to_baseline(measure, least)
@@ -140,7 +140,7 @@ def _directed(measure: EnclosedVolume, relative: bool) -> EnclosedVolume:
 
 
 def open_edges(surface: SurfaceGrid) -> np.ndarray:
-    """Edges that bound one quad only, shape (n, 2): their nodes, in the direction in which the quad has them."""
+    """Edges that bound only one quad, shape (n, 2): their nodes, in the quad's direction."""
     start, end = surface.quads.ravel(), np.roll(surface.quads, -1, axis=1).ravel()
     start, end = start[start != end].astype(np.int64), end[start != end].astype(np.int64)
     there, back = start * surface.n_points + end, end * surface.n_points + start
@@ -153,8 +153,8 @@ def planes_of_edges(
     edges: np.ndarray,  # int (n, 2), open edges of the surface
     what: str,  # name of the measure, for messages
 ) -> tuple[tuple[Plane, ...], np.ndarray]:
-    """Find the plane of symmetry in which each open edge lies."""
-    # returns planes: those in which there are edges
+    """Find the symmetry plane in which each open edge lies."""
+    # returns planes: the planes with edges
     # returns numbers int (n,): plane of each edge
     ends = surface.points[edges]
     distance = [np.abs(ends @ plane.normal - plane.offset).max(axis=1) for plane in surface.planes]
@@ -167,14 +167,14 @@ def planes_of_edges(
 
 
 def apexes_of_caps(
-    planes: tuple[Plane, ...],  # planes that a body ends on
+    planes: tuple[Plane, ...],  # planes at which a body ends
     middle: np.ndarray,  # (3,), point near which the points are wanted (m)
     size: float,  # size of the body (m)
     what: str,  # name of the measure, for messages
 ) -> np.ndarray:  # (n_planes, 3)
-    """Give each plane the point from which the opening in it is closed by triangles, one for all where they meet."""
+    """Give each plane the point from which triangles close its opening, a common one if they meet."""
     normals, offsets = np.array([plane.normal for plane in planes]), np.array([plane.offset for plane in planes])
-    # the least-squares point nearest to the middle; directions that normals share but for 1e-5 rad are parallel
+    # the least-squares point nearest to the middle; normals within 1e-5 rad are parallel
     common = middle + np.linalg.pinv(normals, rcond=1e-5) @ (offsets - normals @ middle)
     off_plane = offsets - normals @ common
     if (np.abs(off_plane) > _IN_PLANE * size).any() and np.linalg.matrix_rank(normals, tol=1e-5) > 1:

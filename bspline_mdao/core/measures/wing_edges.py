@@ -25,34 +25,33 @@ from .tail_of_cells import tail_lines, tail_tangents
 __all__ = ["LeadingEdgeRadius", "TrailingEdgeAngle"]
 
 REFERENCES = ("metre", "chord", "baseline")
-"""References that radii may be relative to."""
+"""References for relative radii."""
 
 _SHARP = 1e-6
-"""An edge of a radius less than this part of the chord is sharp: no grid resolves such a radius."""
+"""An edge with a radius below this fraction of the chord is sharp: no grid resolves such a radius."""
 
 NOSE = 2
-"""Points on either side of the leading edge for its tangent, as `LeadingEdgeRadius` takes them by default."""
+"""Points on each side of the leading edge for its tangent, the default of `LeadingEdgeRadius`."""
 
 
 @dataclass(frozen=True, eq=False)
 class LeadingEdgeRadius(OneLine):
     r"""Radius of curvature of plane sections at their leading edge.
 
-    The polynomial of degree 2 m through the leading edge of a section and m points on either side, in the arc length of
-    the baseline, has there the derivatives p' and p'', fixed combinations of the nodes. The radius is
-    :math:`|p'|^3 / (p'' \times p' \cdot n)`, whatever the parameter; the normal n is that of the plane through p' and
-    the chord as they are, so that sections may turn in any direction. Of triangles and quads without grid lines, p' and
-    p'' are those of polynomials that fit the nodes around the edge best, see `bspline_mdao.core.measures.jets`. Make it
-    by `at`.
+    The polynomial of degree 2 m through the leading edge of a section and m points on each side, in the arc length of
+    the baseline, has the derivatives p' and p'' there, fixed combinations of the nodes. The radius is
+    :math:`|p'|^3 / (p'' \times p' \cdot n)`, whatever the parameter; n is the normal of the plane through the current
+    p' and chord, so sections may rotate in any direction. On triangles and quads without grid lines, p' and p'' come
+    from polynomials that fit the nodes around the edge, see `bspline_mdao.core.measures.jets`. Make it by `at`.
 
     Parameters
     ----------
     surface : SurfaceGrid
         The surface.
     senses : ndarray, shape (n,)
-        1 where the chord turns to p' as the stream turns to the normal, and -1 elsewhere.
+        1 if the chord rotates to p' as the stream rotates to the normal, -1 otherwise.
     stations : ndarray, shape (n,)
-        Places of the sections along the span on the baseline (m).
+        Positions of the sections along the span on the baseline (m).
     vectors : Combinations
         p', p'' and the chord of every section.
     scales : ndarray, shape (n,)
@@ -104,14 +103,14 @@ class LeadingEdgeRadius(OneLine):
             The surface.
         stations : sequence of float, optional
             Fractions of the span from the first to the last grid line around the leading edge; every such line by
-            default, and the middle of a grid about a section. Of triangles, fractions of the span as for
-            `SectionThickness.at`, which have to be given.
+            default, and the middle of a grid about a section. For triangles, fractions of the span as for
+            `SectionThickness.at`, which must be given.
         relative_to : str
-            ``"metre"``; ``"chord"``, the chord of the section as it is; or ``"baseline"``, the radius on the baseline.
+            ``"metre"``; ``"chord"``, the current chord of the section; or ``"baseline"``, the radius on the baseline.
         patches : str or sequence of str, optional
             Patches of the wing by name; all by default.
         n_nodes : int
-            Points m on either side of the edge, where there are grid lines.
+            Number m of points on each side of the edge, if there are grid lines.
         frame : Frame, optional
             Directions along stream and span; see `SectionLines.of`.
         name : str
@@ -120,7 +119,7 @@ class LeadingEdgeRadius(OneLine):
         Raises
         ------
         InputError
-            If there is no leading edge or it is sharp, grid lines are too short, or an option cannot be used.
+            If there is no leading edge or it is sharp, grid lines are too short, or an option is invalid.
         """
         if relative_to not in REFERENCES or n_nodes < 1:
             raise InputError(
@@ -151,7 +150,7 @@ class LeadingEdgeRadius(OneLine):
         return self.stations.shape
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Radii, shape (n_stations,), of nodes, shape (n, 3); real or complex."""
+        """Radii, shape (n_stations,), from nodes, shape (n, 3); real or complex."""
         first, second, chord = self.derivatives(points)
         radii = self.scales * lengths(first) ** 3 * lengths(np.cross(chord, first)) / self._bends(first, second, chord)
         return radii / lengths(chord) if self.is_relative_to_chord else radii
@@ -179,12 +178,12 @@ class LeadingEdgeRadius(OneLine):
         return self.vectors.vectors(points)
 
     def _bends(self, first: np.ndarray, second: np.ndarray, chord: np.ndarray) -> np.ndarray:
-        """``(p'' x p') . (chord x p')``, positive where the edge is round."""
+        """``(p'' x p') . (chord x p')``, positive if the edge is round."""
         return self.senses * (dots(second, chord) * dots(first, first) - dots(second, first) * dots(first, chord))
 
 
 def _senses(points: np.ndarray, plane: np.ndarray, vectors: Combinations) -> np.ndarray:
-    """Sense of the turn from the chord to p' in the planes of the sections on the baseline."""
+    """Sense of rotation from the chord to p' in the planes of the sections on the baseline."""
     first, _, chord = vectors.vectors(points) @ plane.T
     return np.sign(cross_2d(chord, first))
 
@@ -195,7 +194,7 @@ def _tail(lines: SectionLines) -> np.ndarray:
 
 
 def _vectors(lines: SectionLines, nose: np.ndarray, places: np.ndarray, n_nodes: int) -> list[csr_array]:
-    """Matrices that make p', p'' and the chord of sections."""
+    """Matrices for p', p'' and the chord of sections."""
     cut = lines.cut(nose, places)
     section = (cut @ lines.points @ lines.plane.T).reshape(len(places), -1, 2)
     parameters = arc_parameters(section)
@@ -222,23 +221,23 @@ def _require_blunt(measure: LeadingEdgeRadius) -> None:
 class TrailingEdgeAngle(OneLine):
     """Angles between the two sides of plane sections at their trailing edges.
 
-    The tangent of a side is that of the polynomial, in the arc length of the baseline, that fits its last points best:
-    a fixed combination of the nodes; of triangles and quads without grid lines, that of polynomials that fit the nodes
-    of its side around the edge best, see `bspline_mdao.core.measures.jets`. The angle is taken in the plane through the
-    chord and the tangent of the leading edge as they are, so that sections may turn in any direction. It is positive
-    where the upper side is above the lower one ahead of the edge, and between -180 and 180 degrees; a blunt edge has
-    one too. Make it by `at`.
+    The tangent of a side comes from the polynomial, in the arc length of the baseline, that fits its last points: a
+    fixed combination of the nodes. On triangles and quads without grid lines it comes from polynomials that fit the
+    nodes of its side around the edge, see `bspline_mdao.core.measures.jets`. The angle is taken in the plane through
+    the current chord and leading-edge tangent, so sections may rotate in any direction. It is positive if the upper
+    side is above the lower one ahead of the edge, and between -180 and 180 degrees; a blunt edge has one too. Make it
+    by `at`.
 
     Parameters
     ----------
     surface : SurfaceGrid
         The surface.
     senses : ndarray, shape (n,)
-        As of `LeadingEdgeRadius`.
+        As for `LeadingEdgeRadius`.
     stations : ndarray, shape (n,)
-        Places of the sections along the span on the baseline (m).
+        Positions of the sections along the span on the baseline (m).
     vectors : Combinations
-        Tangents of the upper and of the lower side, forward, that of the leading edge, and the chord.
+        Forward tangents of the upper and lower side, the leading-edge tangent, and the chord.
     name : str
         Name of the output.
 
@@ -282,15 +281,15 @@ class TrailingEdgeAngle(OneLine):
             The surface.
         stations : sequence of float, optional
             Fractions of the span from the first to the last grid line around the leading edge; every such line by
-            default, and the middle of a grid about a section. Of triangles, fractions of the span as for
-            `SectionThickness.at`, which have to be given.
+            default, and the middle of a grid about a section. For triangles, fractions of the span as for
+            `SectionThickness.at`, which must be given.
         n_nodes : int
-            Points of each side, that at the edge included, where there are grid lines.
+            Number of points on each side, including the edge, if there are grid lines.
         degree : int, optional
             Degree of the polynomials; ``n_nodes - 1`` by default, through all points.
         between : tuple of float, optional
-            Fit straight lines instead to the points between two fractions of the chord, such as (0.9, 0.98): the angle
-            of the wedge, whether the edge itself is sharp, blunt or round.
+            Fit straight lines instead to the points between two fractions of the chord, such as (0.9, 0.98): the wedge
+            angle, whether the edge itself is sharp, blunt or round.
         patches : str or sequence of str, optional
             Patches of the wing by name; all by default.
         frame : Frame, optional
@@ -302,7 +301,7 @@ class TrailingEdgeAngle(OneLine):
         ------
         InputError
             If there is no leading edge, grid lines are too short, the edge of triangles is round and ``between`` is not
-            given, or an option cannot be used.
+            given, or an option is invalid.
         """
         degree = n_nodes - 1 if degree is None else degree
         if not 1 <= degree < n_nodes or (between and not 0.0 < between[0] < between[1] <= 1.0):
@@ -332,7 +331,7 @@ class TrailingEdgeAngle(OneLine):
         return self.stations.shape
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Angles (rad), shape (n_stations,), of nodes, shape (n, 3); real or complex."""
+        """Angles (rad), shape (n_stations,), from nodes, shape (n, 3); real or complex."""
         upper, lower, first, chord = self.vectors.vectors(points)
         upper, lower = (self._in_plane(side, first, chord) for side in (upper, lower))
         along = (upper * lower).sum(axis=1)
@@ -346,7 +345,7 @@ class TrailingEdgeAngle(OneLine):
         return self.vectors.chain([-d_upper, d_lower, *(b - a for a, b in zip(by_upper, by_lower))])
 
     def _in_plane(self, tangent: np.ndarray, first: np.ndarray, chord: np.ndarray) -> np.ndarray:
-        """A tangent along the chord and normal to it in the plane of the section, times the chord's length."""
+        """Components of a tangent along the chord and normal to it in the section plane, times the chord length."""
         normal = np.cross(chord, first)
         across = self.senses * dots(tangent, np.cross(normal, chord)) / lengths(normal)
         return np.stack([dots(tangent, chord), across], axis=1)
@@ -371,7 +370,7 @@ class TrailingEdgeAngle(OneLine):
 
 
 def _reaching(lines: SectionLines, side: int, between: Sequence[float]) -> int:
-    """Number of nodes from the trailing edge forward that reach the first of two fractions of every chord."""
+    """Number of nodes from the trailing edge forward that reach the first of two fractions on every chord."""
     nodes = lines.sides[side]
     reach = ((nodes >= 0) & (lines.fractions[nodes] >= between[0])).sum(axis=1).max() + 1
     return min(int(reach), int((nodes >= 0).sum(axis=1).min()))
@@ -380,7 +379,7 @@ def _reaching(lines: SectionLines, side: int, between: Sequence[float]) -> int:
 def _tangents(
     lines: SectionLines, nodes: np.ndarray, places: np.ndarray, degree: int, between: Sequence[float] | None
 ) -> csr_array:
-    """Matrix of the tangents of one side, from points that start at the trailing edge."""
+    """Matrix of the tangents of one side, from points starting at the trailing edge."""
     cut = lines.cut(nodes, places)
     parameters = arc_parameters((cut @ lines.points @ lines.plane.T).reshape(len(places), -1, 2))
     if between is None:
