@@ -1,1 +1,1 @@
-"""Bridges to frameworks that differentiate: grids, quality and measures as functions of arrays, with derivatives."""
+"""Bridges to differentiating frameworks: grids, quality and measures as functions of arrays, with derivatives."""

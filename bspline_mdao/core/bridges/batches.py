@@ -1,10 +1,10 @@
-"""What frameworks call: a chain at batches of arrays, with a memory of where it was last.
+"""Entry point of frameworks: a chain at batches of arrays, with a cache of its last points.
 
-Frameworks ask for values first and for products with derivatives later, at the same arrays, and know nothing of our
-states between. So the last places are kept, and found again by the bits of their arrays: a product at a place that is
-kept costs no more than the component's own. Batches are leading axes, of one size or of length 1 where an array is the
-same for all. Control meshes of a batch move together, and so do products with their derivative: several right-hand
-sides for one factor. Grids, which take more memory, follow one by one.
+Frameworks request values first and products with derivatives later, at the same arrays, and do not keep the chain's
+state in between. So the last points are cached, and found again by the bits of their arrays: a product at a cached
+point costs the same as the component's own. Batches are leading axes, of one size, or of length 1 for arrays common to
+all. Control meshes of a batch move together, and so do products with their derivative: several right-hand sides for one
+factor. Grids, which take more memory, follow one by one.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ class Batches(OneLine):
 
     @property
     def inputs(self) -> Shapes:
-        """Names and shapes of what the function takes."""
+        """Names and shapes of the function's inputs."""
         return self.chain.inputs
 
     @property
     def outputs(self) -> Shapes:
-        """Names and shapes of what it gives."""
+        """Names and shapes of its outputs."""
         return self.chain.outputs
 
     def taken(self, given: Any) -> list:
-        """Arguments in the order of `inputs`, of what the user gives: an array, or arrays by names."""
+        """The user's argument, an array or arrays by name, in the order of `inputs`."""
         if not self.takes_names:
             return [given]
         if not isinstance(given, dict):
@@ -60,11 +60,11 @@ class Batches(OneLine):
         return [given[name] for name in self.inputs]
 
     def returned(self, found: Sequence) -> Any:
-        """What the user gets of arrays in the order of `outputs`."""
+        """The user's result from arrays in the order of `outputs`."""
         return dict(zip(self.outputs, found)) if self.gives_names else found[0]
 
     def require_shapes(self, shapes: Sequence[tuple[int, ...]]) -> None:
-        """Refuse arguments of other shapes than those of `inputs`."""
+        """Refuse arguments whose shapes differ from `inputs`."""
         for (name, shape), found in zip(self.inputs.items(), shapes):
             if tuple(found) != shape:
                 raise InputError(f"'{name}' is of shape {tuple(found)}; give shape {shape}")
@@ -81,7 +81,7 @@ class Batches(OneLine):
         self,
         batch: tuple[int, ...],  # lengths of the leading axes
         points: Sequence[np.ndarray],  # where the derivative is taken
-        vectors: Sequence[np.ndarray],  # changes of all that the chain takes, or bars of all that it gives
+        vectors: Sequence[np.ndarray],  # changes of all inputs of the chain, or cotangents of all outputs
         is_transposed: bool,
     ) -> Tuple:
         """Multiply vectors with the derivative, or with its transpose."""
@@ -90,7 +90,7 @@ class Batches(OneLine):
         return self._over(batch, points, self.inputs, vectors, self.outputs, self._jvps)
 
     def _jvps(self, keys: list[bytes], places: list[ChainPlace], along: list[Arrays]) -> Iterator[Arrays]:
-        """Products at places: the lead of all together, the rest one after the other."""
+        """Products at points: the lead of all together, the rest one after the other."""
         lead = self.chain.lead_jvps(places, along)
         return (self._finished(key, place).rest_jvp(change) for key, place, change in zip(keys, places, lead))
 
@@ -102,13 +102,13 @@ class Batches(OneLine):
     def _over(
         self,
         batch: tuple[int, ...],
-        points: Sequence[np.ndarray],  # all that the chain takes
-        along: Shapes,  # names and shapes of what else is of each of the batch
-        vectors: Sequence[np.ndarray],  # that
+        points: Sequence[np.ndarray],  # all inputs of the chain
+        along: Shapes,  # names and shapes of further arrays of each batch member
+        vectors: Sequence[np.ndarray],  # these arrays
         given: Shapes,
         work: Callable[[list[bytes], list[ChainPlace], list[Arrays]], Iterable[Arrays]],
     ) -> Tuple:
-        """Work through a batch, as many of its places together as the chain wants."""
+        """Work through a batch, with as many of its points together as the chain allows."""
         n = int(np.prod(batch, dtype=int))
         at, by = self._rows(batch, self.inputs, points), self._rows(batch, along, vectors)
         found = {name: np.empty((n, *shape)) for name, shape in given.items()}
@@ -123,11 +123,11 @@ class Batches(OneLine):
                     keys, places = self._begun([_row(at, i) for i in members])
                 parts = iter(work(keys, places, [_row(by, i) for i in members]))
                 for i in members:
-                    _put(next(parts), found, i)  # none is kept while the next one is made
+                    _put(next(parts), found, i)  # none is kept while the next is made
         return tuple(found[name].reshape((*batch, *shape)) for name, shape in given.items())
 
     def _rows(self, batch: tuple[int, ...], shapes: Shapes, arrays: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
-        """Arrays with one leading axis: of length 1, or that of the batch."""
+        """Arrays with one leading axis, of length 1 or the batch size."""
         rows = {}
         for (name, shape), array in zip(shapes.items(), arrays):
             array = np.asarray(array, dtype=float)
@@ -138,7 +138,7 @@ class Batches(OneLine):
         return rows
 
     def _begun(self, batch: list[Arrays]) -> tuple[list[bytes], list[ChainPlace]]:
-        """Keys and places of points: those that are kept, and the leads of others, each once."""
+        """Keys and chain states of points: cached ones, and leads of the others, each once."""
         keys = [_key(points) for points in batch]
         places = {key: self._places[key] for key in keys if key in self._places}
         new = {key: points for key, points in zip(keys, batch) if key not in places}
@@ -148,7 +148,7 @@ class Batches(OneLine):
         return keys, [places[key] for key in keys]
 
     def _finished(self, key: bytes, place: ChainPlace) -> ChainPlace:
-        """Take the place that is kept, or finish this one and keep it."""
+        """Take the cached state, or finish this one and cache it."""
         if key not in self._places:
             while len(self._places) >= self.memory:
                 self._places.popitem(last=False)  # its memory serves the next one
@@ -158,18 +158,18 @@ class Batches(OneLine):
 
 
 def _row(arrays: Arrays, i: int) -> dict[str, np.ndarray]:
-    """Arrays of one of a batch."""
+    """Arrays of one batch member."""
     return {name: array[min(i, len(array) - 1)] for name, array in arrays.items()}
 
 
 def _put(part: Arrays, found: Mapping[str, np.ndarray], i: int) -> None:
-    """Write arrays of one of a batch."""
+    """Write the arrays of one batch member."""
     for name, whole in found.items():
         whole[i] = part[name]
 
 
 def _key(points: Arrays) -> bytes:
-    """The bits of arrays, in short."""
+    """A hash of the bits of arrays."""
     digest = blake2b(digest_size=32)
     for point in points.values():
         digest.update(np.ascontiguousarray(point).data)

@@ -1,11 +1,11 @@
-"""Steps one after the other, whose values have names: their values at arrays, and products with the derivative there.
+"""Chained steps with named values: their values at given arrays, and products with the derivative there.
 
-A step is decided once: names and shapes of what it takes and gives. ``place = step.at(values)`` has its values at some
+The names and shapes of a step's inputs and outputs are fixed. ``place = step.at(values)`` has its values at given
 arrays, and both products with its derivative there. A chain is a step of steps: forward products go through them in
-their order, transposed ones in the reverse order. What frameworks differentiate is a chain, and crosses to us once.
+order, transposed ones in reverse order. Frameworks differentiate a chain, with one call across the bridge.
 
-The first steps, up to the movement of the control mesh, are the *lead* of a chain: for a batch they are taken together,
-with one pass over a factor for all. The *rest*, whose arrays are as long as the grid, follows place by place.
+The first steps, up to the movement of the control mesh, are the *lead* of a chain: for a batch they are done together,
+with one pass over a factor for all. The *rest*, whose arrays are as long as the grid, follows point by point.
 
 For users: ``docs/howto/jax_and_pytorch.rst``.
 """
@@ -35,10 +35,10 @@ class Place(Protocol):
 
     @property
     def values(self) -> Arrays:
-        """What the step gives, by names."""
+        """Outputs of the step by name."""
 
     def jvp(self, changes: Arrays) -> Arrays:
-        """Changes of all that it gives, with those of all that it takes."""
+        """Changes of all outputs from changes of all inputs."""
 
     def vjp(self, bars: Arrays) -> Arrays:
         """Transpose of `jvp`."""
@@ -49,28 +49,28 @@ class Step(Protocol):
 
     @property
     def inputs(self) -> Shapes:
-        """Names and shapes of what it takes."""
+        """Names and shapes of its inputs."""
 
     @property
     def outputs(self) -> Shapes:
-        """Names and shapes of what it gives."""
+        """Names and shapes of its outputs."""
 
     def at(self, values: Arrays) -> Place:
-        """Take values; `MovementError` where there is nothing sensible to give."""
+        """Evaluate at values; `MovementError` if that fails."""
 
 
 class Together(Step, Protocol):
-    """A step that does for several places at once what it does for one."""
+    """A step that can treat several points at once."""
 
     @property
     def n_together(self) -> int:
-        """At how many it is worth the memory."""
+        """Number of points for which that is worth the memory."""
 
     def at_all(self, values: Sequence[Arrays]) -> list[Place]:
-        """Take several values, as `at` does each."""
+        """Evaluate at several values, like `at` for each."""
 
     def jvps(self, places: Sequence[Place], changes: Sequence[Arrays]) -> list[Arrays]:
-        """Products at places, of which one may stand for several."""
+        """Products at places, one of which may serve several."""
 
     def vjps(self, places: Sequence[Place], bars: Sequence[Arrays]) -> list[Arrays]:
         """Transposes of `jvps`."""
@@ -78,15 +78,15 @@ class Together(Step, Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Chain(OneLine):
-    """Steps, each of which takes what the chain does or what steps before it give."""
+    """Steps that each take inputs of the chain or outputs of earlier steps."""
 
-    inputs: Shapes  # what the chain takes
+    inputs: Shapes  # inputs of the chain
     steps: Sequence[Step]
-    given: Sequence[str]  # names of what it gives
+    given: Sequence[str]  # names of its outputs
 
     @property
     def outputs(self) -> Shapes:
-        """Names and shapes of what it gives."""
+        """Names and shapes of its outputs."""
         shapes = {name: shape for step in self.steps for name, shape in step.outputs.items()}
         return {name: shapes[name] for name in self.given}
 
@@ -97,16 +97,16 @@ class Chain(OneLine):
 
     @property
     def n_together(self) -> int:
-        """Places of a batch to take the lead at together."""
+        """Number of batch members whose lead is done together."""
         together: list[Any] = [step for step in self.steps if hasattr(step, "at_all")]
         return min((step.n_together for step in together), default=1)
 
     def at(self, values: Arrays) -> ChainPlace:
-        """Take one step after the other."""
+        """Evaluate one step after the other."""
         return self.begun([values])[0].finished()
 
     def begun(self, batch: Sequence[Arrays]) -> list[ChainPlace]:
-        """Take the lead, for all values of a batch together."""
+        """Evaluate the lead for all values of a batch together."""
         found: list[dict] = [{} for _ in batch]
         for values, of in zip(batch, found):
             for name, shape in self.inputs.items():
@@ -122,7 +122,7 @@ class Chain(OneLine):
         return [ChainPlace(self, tuple(mine), of) for mine, of in zip(places, found)]
 
     def lead_jvps(self, places: Sequence[ChainPlace], changes: Sequence[Arrays]) -> list[Arrays]:
-        """Changes of all that the lead takes and gives, at places of a batch together."""
+        """Changes of all inputs and outputs of the lead, at the places of a batch together."""
         found = [dict(change) for change in changes]
         for n, step in enumerate(self.steps[: self.n_lead]):
             at = [place.places[n] for place in places]
@@ -131,7 +131,7 @@ class Chain(OneLine):
         return list(found)
 
     def lead_vjps(self, places: Sequence[ChainPlace], bars: Sequence[Arrays]) -> list[Arrays]:
-        """Transpose of `lead_jvps`: for all that the chain takes."""
+        """Transpose of `lead_jvps`, for all inputs of the chain."""
         found = [dict(bar) for bar in bars]
         for n in reversed(range(self.n_lead)):
             step, at = self.steps[n], [place.places[n] for place in places]
@@ -143,14 +143,14 @@ class Chain(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class ChainPlace(OneLine):
-    """A chain at some arrays, after its lead or after all steps."""
+    """A chain at given arrays, after its lead or after all steps."""
 
     of: Chain
-    places: Sequence[Place]  # of the steps that were taken
-    found: Arrays  # all that was taken and given so far
+    places: Sequence[Place]  # of the steps done
+    found: Arrays  # all inputs and outputs so far
 
     def finished(self) -> ChainPlace:
-        """The same after all steps."""
+        """The same place after all steps."""
         places, found = list(self.places), dict(self.found)
         for step in self.of.steps[len(places) :]:
             places.append(step.at(_part(found, step.inputs)))
@@ -159,19 +159,19 @@ class ChainPlace(OneLine):
 
     @property
     def values(self) -> Arrays:
-        """What the chain gives, by names."""
+        """Outputs of the chain by name."""
         return {name: np.asarray(self.found[name]) for name in self.of.given}
 
     def jvp(self, changes: Arrays) -> Arrays:
-        """Changes of all that the chain gives."""
+        """Changes of all outputs of the chain."""
         return self.rest_jvp(self.of.lead_jvps([self], [changes])[0])
 
     def vjp(self, bars: Arrays) -> Arrays:
-        """Transpose of `jvp`: what several steps take collects what comes back from each."""
+        """Transpose of `jvp`: cotangents of an input used by several steps are summed."""
         return self.of.lead_vjps([self], [self.rest_vjp(bars)])[0]
 
     def rest_jvp(self, changes: Arrays) -> Arrays:
-        """Changes of all that the chain gives, with those of what its lead takes and gives."""
+        """Changes of all outputs of the chain from changes of its lead's inputs and outputs."""
         found = dict(changes)
         for step, place in self._rest:
             found |= place.jvp(_part(found, step.inputs))
@@ -194,12 +194,12 @@ def _part(arrays: Arrays, names: Iterable[str]) -> dict[str, np.ndarray]:
 
 
 def _bars_of(found: Arrays, shapes: Shapes) -> dict[str, np.ndarray]:
-    """Bars of some arrays; zero where nothing came back."""
+    """Cotangents of some arrays; zero if none came back."""
     return {name: found.get(name, np.zeros(shape)) for name, shape in shapes.items()}
 
 
 def _collect(found: dict[str, np.ndarray], bars: Arrays) -> None:
-    """Add bars to those that came back so far."""
+    """Add cotangents to the ones collected so far."""
     for name, bar in bars.items():
         found[name] = found[name] + bar if name in found else bar
 

@@ -1,6 +1,6 @@
-"""The functions that frameworks are given, as chains: grids, quality and measures.
+"""The functions offered to frameworks, as chains: grids, quality and measures.
 
-Each takes points, or design variables by their names, and is the same for every framework; what is its own to one is in
+Each takes points, or design variables by name, and is the same for every framework; the specific parts are in
 `.jax_functions` and `.torch_functions`.
 """
 
@@ -40,7 +40,7 @@ def grid_function(
     numbers: Sequence[int] | np.ndarray | None = None,
     memory: int = 1,
 ) -> Batches:
-    """Nodes of the grid from control points, from asked nodes of a surface, or from design variables."""
+    """Nodes of the grid from control points, from prescribed surface nodes, or from design variables."""
     _require_whole(model)
     points = {CONTROL_POINTS: model.control_points.shape}
     if parametrization is None and surface is None:
@@ -78,7 +78,7 @@ def quality_function(
     rho_height: float = 1000.0,
     memory: int = 1,
 ) -> Batches:
-    """Bounds of the quality of all cells, by their names, from the nodes of the grid."""
+    """Quality bounds of all cells by name, from the nodes of the grid."""
     _require_whole(model)
     judge = model.judge(None, ONE, rho=rho, p=p, rho_height=rho_height)
     names = aggregates
@@ -96,7 +96,7 @@ def measures_function(
     *,
     memory: int = 1,
 ) -> Batches:
-    """Measures of one surface, by their names, from its nodes or from design variables."""
+    """Measures of one surface by name, from its nodes or from design variables."""
     found = require_list(measures, "measure", MEMBERS, "measures")
     if not found:
         raise InputError("measures: there is none; give one or more")
@@ -129,7 +129,7 @@ def _require_whole(model: Movable) -> None:
 
 
 def _default_mover(model: Movable, parametrization: Parametrization | None, surface: SurfaceGrid | None) -> Mover:
-    """Mover on the mesh of the parametrization, or with the patches of a surface as what is designed."""
+    """Mover on the mesh of the parametrization, or with the patches of a surface as the design surface."""
     if parametrization is not None and surface is None:
         return default_mover(model, parametrization.mesh)
     patches = None if surface is None else sorted(set(surface.patches))
@@ -137,7 +137,7 @@ def _default_mover(model: Movable, parametrization: Parametrization | None, surf
 
 
 def _numbers(surface: SurfaceGrid, numbers: Sequence[int] | np.ndarray | None) -> np.ndarray:
-    """Numbers of the nodes of a surface that are given, each once."""
+    """Numbers of the given nodes of a surface, each once."""
     if numbers is None:
         return np.arange(surface.n_points)
     found = np.asarray(numbers)

@@ -1,9 +1,9 @@
-"""The evaluation of a grid, Eq. (3), by JAX alone: ``A b + r`` where the control points are, on a GPU for example.
+"""Grid evaluation, Eq. (3), entirely in JAX: ``A b + r`` on the device of the control points, for example a GPU.
 
-A node is the sum over the p^3 control points of its span, whose numbers follow from the first one and two steps, as
-in `bspline_mdao.core.evaluation.nodes_by_span`; what is kept are 3 p values of functions and three integers for each
-node. The map and its transpose are one primitive: the derivative of a linear map needs nothing that was computed, and
-a loop over the p^3 control points, differentiated by JAX, would keep all of its products.
+A node is the sum over the p^3 control points of its span, whose numbers follow from the first one and two steps, as in
+`bspline_mdao.core.evaluation.nodes_by_span`; 3 p function values and three integers are stored for each node. The map
+and its transpose are one primitive: the derivative of a linear map needs no computed values, whereas a loop over the
+p^3 control points, differentiated by JAX, would store all its products.
 """
 
 from __future__ import annotations
@@ -26,27 +26,28 @@ __all__ = ["device_grid"]
 
 
 def device_grid(model: FittedModel) -> Callable:
-    """Make the grid a function of JAX alone, evaluated on the device of the control points.
+    """Make the grid a pure JAX function, evaluated on the device of the control points.
 
-    It is ``A b + r`` in the precision of the control points, single or double. It works under all transformations of
-    JAX, has second derivatives (zero), and equals `grid` to round-off, some 1e-15 or 1e-7 of the size of the grid. On a
-    CPU it takes many times what `grid` does.
+    It is ``A b + r`` in the precision of the control points, single or double. It works under all JAX transformations,
+    has second derivatives (zero), and equals `grid` to round-off, about 1e-15 or 1e-7 of the size of the grid. On a CPU
+    it takes many times as long as `grid`.
 
     Parameters
     ----------
     model : FittedModel
-        The fitted grid, of ``wall_layer=False``, so that the map is linear.
+        The fitted grid, with ``wall_layer=False``, so that the map is linear.
 
     Returns
     -------
     callable
-        Of control points (m), shape (n_control_points, 3); it gives the nodes of the grid (m), shape (n_nodes, 3).
+        Function of control points (m), shape (n_control_points, 3), that returns the grid nodes (m), shape (n_nodes,
+        3).
 
     Raises
     ------
     InputError
-        If JAX is not installed, or the map is not linear: nodes that follow walls, and residuals that turn, are on the
-        CPU alone.
+        If JAX is not installed, or the map is not linear: nodes that follow walls and rotating residuals are supported
+        only on the CPU.
 
     Examples
     --------
@@ -68,14 +69,14 @@ def device_grid(model: FittedModel) -> Callable:
             f"with wall_layer=False, or take grid(model)"
         )
     (groups, copies), shape, residual = _groups(model), model.control_points.shape, model.residual
-    rows = np.empty(model.n_nodes, dtype=np.int32)  # the node that every row is, or copies
+    rows = np.empty(model.n_nodes, dtype=np.int32)  # the node of every row, or the one it copies
     evaluated = np.concatenate([group.rows for group in groups])
     rows[evaluated] = np.arange(len(evaluated))
     rows[copies[:, 0]] = rows[copies[:, 1]]
 
     @cache
     def constants(dtype: Any) -> tuple:
-        """What the map is made of, on the device, in the precision of the control points."""
+        """Data of the map, on the device, in the precision of the control points."""
         with jax.ensure_compile_time_eval():
             parts = [
                 (*map(jax.numpy.asarray, group.integers), *(jax.numpy.asarray(f, dtype) for f in group.functions))
@@ -102,8 +103,8 @@ class _Group(OneLine):
     """The nodes of all volumes of the same orders."""
 
     ids: np.ndarray  # of int, number of each control point of the volumes, one volume after the other
-    first: np.ndarray  # (n,) of int, place among these of the first control point of the span of each node
-    steps: tuple[np.ndarray, np.ndarray]  # each (n,) of int, places from one to the next in directions 0 and 1
+    first: np.ndarray  # (n,) of int, position in ``ids`` of the first control point of the span of each node
+    steps: tuple[np.ndarray, np.ndarray]  # each (n,) of int, positions from one to the next in directions 0 and 1
     functions: tuple[np.ndarray, ...]  # each (p, n), functions of the span of each node
     rows: np.ndarray  # (n,) of int, row of each node in the grid
 
@@ -114,7 +115,7 @@ class _Group(OneLine):
 
 
 def _groups(model: FittedModel) -> tuple[list[_Group], np.ndarray]:
-    """Functions and control points of all nodes that are evaluated; rows that are copies, and those that they copy."""
+    """Functions and control points of all evaluated nodes; rows that are copies, and their originals."""
     numbering = NodeNumbering.of_grid(model.topology)
     by_orders: dict[tuple[int, ...], list] = {}
     places = zip(model.mesh.volumes, model.mesh.control_ids, model.parameters_of(numbering), numbering.numbers)
@@ -129,7 +130,7 @@ def _groups(model: FittedModel) -> tuple[list[_Group], np.ndarray]:
 
 
 def _group(members: list) -> _Group:
-    """Put volumes one after the other."""
+    """Concatenate volumes."""
     ids, first, steps, start = [], [], ([], []), 0  # type: tuple[list, list, tuple[list, list], int]
     for (_, n_1, n_2), numbers, (i, j, k), _, rows in members:
         ids.append(np.ravel(numbers))

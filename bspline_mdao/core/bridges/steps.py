@@ -1,6 +1,6 @@
-"""The steps from design variables to the quality of the grid, and to measures of its surface, see `.chain`.
+"""The steps from design variables to grid quality and surface measures, see `.chain`.
 
-Each is the function that the component of the same name in `bspline_mdao.core.om` calls: `SurfaceControl`,
+Each is the function called by the component of the same name in `bspline_mdao.core.om`: `SurfaceControl`,
 `SurfaceControlFit`, `ControlMeshMove`, `GridEvaluate`, `SurfaceEvaluate`, `SurfaceMeasure` and `Quality`.
 """
 
@@ -34,7 +34,7 @@ class ControlStep(OneLine):
     """Surface points from design variables."""
 
     parametrization: Parametrization
-    name: str = SURFACE_CONTROL_POINTS  # of what moves: control points, or nodes
+    name: str = SURFACE_CONTROL_POINTS  # name of what moves: control points, or nodes
 
     @cached_property
     def inputs(self) -> Shapes:
@@ -107,7 +107,7 @@ class FollowStep(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class _Single:
-    """One array of one array."""
+    """One array from one array."""
 
     wrt: str
     name: str
@@ -127,7 +127,7 @@ class _Single:
 
 
 class MoveStep(OneLine):
-    """Control points behind their surface, all of them from the points of the baseline: one factor serves all."""
+    """Control points that follow their surface, always from the baseline points: one factor serves all."""
 
     def __init__(self, mover: Mover) -> None:
         self.mover: Mover = differentiable(mover)
@@ -145,7 +145,7 @@ class MoveStep(OneLine):
 
     @property
     def n_together(self) -> int:
-        """How many moves are worth their memory: one where each has factors of its own."""
+        """How many moves together are worth their memory: one if each has its own factors."""
         return TOGETHER if goes_together(self.mover) else 1
 
     def at(self, values: Arrays) -> _Moved:
@@ -153,7 +153,7 @@ class MoveStep(OneLine):
         return self.at_all([values])[0]
 
     def at_all(self, values: Sequence[Arrays]) -> list[_Moved]:
-        """Move the control mesh behind several surfaces."""
+        """Move the control mesh with several surfaces."""
         surfaces = [each[SURFACE_CONTROL_POINTS] for each in values]
         found = []
         for movement in moved_together(self.mover, self.mover.mesh.points, surfaces, self._start):
@@ -195,7 +195,7 @@ class _Moved:
 
 @dataclass(frozen=True, eq=False)
 class MapStep(OneLine):
-    """Nodes from points, by a map that keeps to `bspline_mdao.core.evaluation.node_map`."""
+    """Nodes from points, by a map as defined in `bspline_mdao.core.evaluation.node_map`."""
 
     node_map: Any
     inputs: Shapes
@@ -274,7 +274,7 @@ class _Measured:
 
 @dataclass(frozen=True, eq=False)
 class QualityStep(OneLine):
-    """Bounds of the quality of all cells."""
+    """Quality bounds of all cells."""
 
     judge: CellJudge
     names: Sequence[str]  # of the bounds
@@ -315,7 +315,7 @@ class _Judged:
 
 
 def require_finite(values: Arrays) -> None:
-    """Refuse arrays with what is no number."""
+    """Refuse arrays with numbers that are not finite."""
     for name, array in values.items():
         if not np.isfinite(array).all():
             raise MovementError(f"'{name}' is not finite; take a smaller step")

@@ -1,8 +1,9 @@
-"""Grids, quality and measures as functions of PyTorch.
+"""Grids, quality and measures as PyTorch functions.
 
 As in `.jax_functions` there are values, the product with the derivative, and the product with the transpose; each of
 the last two is the derivative of the other. They are two ``torch.autograd.Function``, which have forward mode, reverse
-mode and ``vmap``, so that those of ``torch.func`` work as well. PyTorch is imported when the first function is made.
+mode and ``vmap``, so the transformations of ``torch.func`` work as well. PyTorch is imported when the first function is
+made.
 """
 
 from __future__ import annotations
@@ -37,38 +38,38 @@ def grid(
 ) -> Callable:
     """Make the grid a PyTorch function of control points, of prescribed surface nodes, or of design variables.
 
-    It is the chain of `GridMovement` without a fit, in one call: what each gives is equal to the last bit. It works
-    with ``backward``, in forward mode, and under ``torch.func``'s ``grad``, ``jvp``, ``vjp`` and ``vmap``, and has no
-    second derivatives. It is computed on the CPU, and what it gives is on the device of what it takes.
+    It is the chain of `GridMovement` without a fit in one call, with results equal to the last bit. It works with
+    ``backward``, in forward mode, and under ``torch.func``'s ``grad``, ``jvp``, ``vjp`` and ``vmap``, and has no second
+    derivatives. It is computed on the CPU, and its result is on the device of its argument.
 
     Parameters
     ----------
     model : FittedModel or MeshModel
-        The fitted grid, or a mesh without structure.
+        The fitted grid, or an unstructured mesh.
     parametrization : Parametrization, optional
         Design variables: the function takes a dict of them by name, each in its own units.
     mover : Mover, optional
-        Moves the control mesh; by default that of `GridMovement`.
+        Moves the control mesh; by default as in `GridMovement`.
     surface : SurfaceGrid, optional
-        Surface whose nodes are asked: the function takes where they are to be (m), shape (n, 3). With a parametrization
-        of `DesignSurface.of_nodes` variables move these nodes.
+        Surface with prescribed nodes: the function takes their positions (m), shape (n, 3). With a parametrization of
+        `DesignSurface.of_nodes` variables move these nodes.
     numbers : sequence of int, optional
-        Which nodes of the surface are asked; all by default.
+        Which nodes of the surface are prescribed; all by default.
     memory : int
-        How many designs are kept for their derivatives: as many as ``vmap``, or a batch, has, where their gradients
-        are wanted. Designs that are not kept are made again.
+        How many designs are stored for derivatives: as many as ``vmap``, or a batch, has, if their gradients are
+        needed. Designs that are not stored are computed again.
 
     Returns
     -------
     callable
-        Of control points (m), shape (n_control_points, 3), without a parametrization and a surface. It gives the nodes
-        of the grid (m), shape (n_nodes, 3).
+        Function of control points (m), shape (n_control_points, 3), if there is neither a parametrization nor a
+        surface. It returns the grid nodes (m), shape (n_nodes, 3).
 
     Raises
     ------
     InputError
-        If PyTorch is not installed, or what is given does not go together; the function raises it for tensors of other
-        shapes, and `MovementError` for a design that cannot be moved.
+        If PyTorch is not installed, or the arguments conflict; the function raises it for tensors of wrong shape, and
+        `MovementError` for a design that cannot be moved.
 
     Examples
     --------
@@ -96,14 +97,14 @@ def quality(
     rho_height: float = 1000.0,
     memory: int = 1,
 ) -> Callable:
-    """Make the bounds of the quality of all cells a PyTorch function.
+    """Make the quality bounds of all cells a PyTorch function.
 
     Parameters
     ----------
     model : FittedModel or MeshModel
-        The fitted grid, or a mesh without structure.
+        The fitted grid, or an unstructured mesh.
     aggregates : sequence of str, optional
-        Which bounds; those that are usual by default, see `Quality`.
+        Which bounds; the usual ones by default, see `Quality`.
     rho, p, rho_height
         Sharpness of the bounds, see `Quality`.
     memory : int
@@ -112,7 +113,7 @@ def quality(
     Returns
     -------
     callable
-        Of the nodes of the grid (m), shape (n_nodes, 3); it gives a dict of the bounds by their names.
+        Function of the grid nodes (m), shape (n_nodes, 3), that returns a dict of the bounds by name.
 
     Raises
     ------
@@ -146,9 +147,9 @@ def measures(
     Parameters
     ----------
     measures : sequence of Measure
-        What is measured, of one `SurfaceGrid`.
+        Measures of one `SurfaceGrid`.
     model : FittedModel or MeshModel, optional
-        With a parametrization the function takes design variables: the model that they are of.
+        With a parametrization the function takes design variables: their model.
     parametrization : Parametrization, optional
         The design variables.
     memory : int
@@ -157,8 +158,8 @@ def measures(
     Returns
     -------
     callable
-        Of the nodes of the surface (m), shape (n, 3), which are ``nodes[surface.rows]`` of those of the grid; or of a
-        dict of design variables. It gives a dict of the measures by their names.
+        Function of the surface nodes (m), shape (n, 3), which are ``nodes[surface.rows]`` of the grid nodes; or of a
+        dict of design variables. It returns a dict of the measures by name.
 
     Raises
     ------
