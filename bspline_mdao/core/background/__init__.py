@@ -1,1 +1,1 @@
-"""Meshes without structure: a B-spline lattice in the background moves them behind their walls."""
+"""Unstructured meshes, moved with their walls by a background B-spline lattice."""

@@ -1,10 +1,10 @@
-"""A B-spline volume around a mesh whose knots are coordinates: the parameters of a node are where it is.
+"""A B-spline volume around a mesh with coordinates as knots, so a node's parameters are its coordinates.
 
-Control points at the Greville abscissae give the identity, so that nothing is searched for and nothing is fitted:
+Control points at the Greville abscissae give the identity, so nothing has to be searched or fitted:
 
     y = x0 + A d ,    d: displacements of the control points; A: the basis functions at the nodes.
 
-In cylindrical coordinates (`.lattice_frame`) both are components along directions that turn with the angle.
+In cylindrical coordinates (`.lattice_frame`) both are components along directions that rotate with the angle.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -34,7 +34,7 @@ class BackgroundLattice(OneLine):
     """A lattice around a mesh."""
 
     lines: tuple[LatticeLine, LatticeLine, LatticeLine]  # its directions
-    frame: LatticeFrame  # the coordinates that these are
+    frame: LatticeFrame  # their coordinate system
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -49,7 +49,7 @@ class BackgroundLattice(OneLine):
 
     @property
     def spacing(self) -> float:
-        """Width of the narrowest span, but for that across a section (m)."""
+        """Width of the narrowest span (m), except the one across a section."""
         return float(min(np.diff(line.breaks).min() for line in self.lines if not line.is_tied))
 
     @cached_property
@@ -60,7 +60,7 @@ class BackgroundLattice(OneLine):
 
     @cached_property
     def control_points(self) -> np.ndarray:
-        """Control points (m), shape (n_control, 3): in coordinates that are straight they give the identity."""
+        """Control points (m), shape (n_control, 3): in Cartesian coordinates they give the identity."""
         return self.frame.to_space(self._control_coordinates)
 
     @cached_property
@@ -76,10 +76,10 @@ class BackgroundLattice(OneLine):
     def evaluator(
         self,
         points: np.ndarray,  # (n, 3), in the box of the lattice (m)
-        # numbers of points that are on a side of it but for rounding, the axis across it, and its end: 0 or -1
+        # numbers of points on a side of it to rounding, the axis across that side, and its end: 0 or -1
         on_sides: Sequence[tuple[np.ndarray, int, int]] = (),
     ) -> Evaluator | TurnedEvaluator:
-        """Vectors at points from those of control points."""
+        """Map vectors at control points to vectors at points."""
         basis = self.basis(points, on_sides)
         if self.frame.is_cartesian:
             return basis
@@ -101,7 +101,7 @@ class BackgroundLattice(OneLine):
         return np.linalg.norm(local - np.clip(local, ends[:, 0], ends[:, 1]), axis=1)
 
     def sides_at(self, points: np.ndarray) -> set[tuple[int, int]]:
-        """Sides of the lattice that points, shape (n, 3), reach: the direction across, and its end, 0 or -1."""
+        """Sides of the lattice reached by points, shape (n, 3): the direction across, and its end, 0 or -1."""
         local, found = self.frame.to_local(points), set()
         for axis, line in enumerate(self.lines):
             if line.is_periodic:
@@ -113,12 +113,12 @@ class BackgroundLattice(OneLine):
         return found
 
     def elements(self, points: np.ndarray) -> np.ndarray:
-        """Number of the element of the lattice that each point, shape (n, 3), is in."""
+        """Number of the lattice element that contains each point, shape (n, 3)."""
         spans = [line.spans(x) for line, x in zip(self.lines, self.frame.to_local(points).T)]
         return np.ravel_multi_index(spans, [len(line.breaks) - 1 for line in self.lines])
 
     def refinement(self, points: np.ndarray) -> np.ndarray:
-        """How much less of a wall an element has than one that nothing asked to be smaller, for those of points."""
+        """Fraction of an unrefined element's wall in the elements that contain points."""
         free = [(line, x) for line, x in zip(self.lines, self.frame.to_local(points).T) if not line.is_tied]
         parts = [(np.diff(line.breaks) / line.scales)[line.spans(x)] for line, x in free]
         return np.prod(parts, axis=0) ** ((len(free) - 1.0) / len(free))

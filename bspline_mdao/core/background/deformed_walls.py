@@ -1,4 +1,4 @@
-"""Where deformations put the nodes of walls of a mesh without structure, and what they split of copies of nodes.
+"""Positions of deformed wall nodes of an unstructured mesh, and splits between nodes and their copies.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -13,13 +13,13 @@ __all__ = ["deformed_walls", "split_copies"]
 
 
 def deformed_walls(deformation: Deformation) -> np.ndarray:
-    """Where a deformation puts the nodes of the walls that are its surface (m), shape (n_surface, 3)."""
+    """Positions (m) of the deformed wall nodes on the design surface, shape (n_surface, 3)."""
     mesh = deformation.mesh
     return mesh.points[mesh.surface_ids] + mesh.with_copies(_change(deformation))
 
 
 def split_copies(deformation: Deformation) -> tuple[float, str]:
-    """How differently a deformation moves copies of nodes of walls and their originals (m), at most, and where."""
+    """Largest difference (m) between a deformation of wall nodes and of their copies, and its location."""
     mesh, change = deformation.mesh, _change(deformation)
     off = np.linalg.norm((change - mesh.with_copies(change.copy()))[mesh.copies[:, 1]], axis=1)
     if not off.any():
@@ -29,6 +29,6 @@ def split_copies(deformation: Deformation) -> tuple[float, str]:
 
 
 def _change(deformation: Deformation) -> np.ndarray:
-    """Displacements of nodes of walls by a deformation, shape (n_surface, 3), in planes where these are."""
+    """Displacements of wall nodes by a deformation, shape (n_surface, 3), within their planes."""
     nodes = deformation.mesh.points[deformation.mesh.surface_ids]
     return deformation.slide(deformation.apply_to_nodes(nodes) - nodes)

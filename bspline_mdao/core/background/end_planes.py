@@ -1,4 +1,4 @@
-"""Planes that a mesh ends in: nodes on them slide, and the lattice has a side there.
+"""End planes of a mesh: their nodes slide in them, and the lattice has a side there.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -31,27 +31,27 @@ __all__ = [
 ]
 
 FLAT = 1e-6
-"""Part of the size of a mesh by which nodes of a symmetry plane may be off it: digits of single precision."""
+"""Fraction of the size of a mesh by which nodes of a symmetry plane may be off it: single precision."""
 
 WALL, SYMMETRY, INNER, PERIODIC, SLIDING = "wall", "symmetry", "inner", "periodic", "sliding"
-"""Kinds of markers: bodies, planes of symmetry, faces inside the mesh, whose nodes move along, sides that are copies of
-each other, and surfaces that nodes slide on. Others are outer."""
+"""Kinds of markers: bodies, symmetry planes, faces inside the mesh, whose nodes move with it, sides that are copies of
+each other, and surfaces on which nodes slide. Others are outer."""
 
 PLANE_DIGITS = 4
-"""Decimals of the unit normal of a face, and of its place by the size of the mesh, which tell planes apart."""
+"""Decimals of a face's unit normal, and of its position relative to the size of the mesh, that distinguish planes."""
 
 ALIGNED = 1e-9
-"""Components of unit normals that are rounding."""
+"""Components of unit normals below this are rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
 class EndPlane(OneLine):
-    """A plane that the mesh ends in."""
+    """A plane in which the mesh ends."""
 
-    markers: tuple[str, ...]  # markers that lie in it; none where the mesh has no marker there
+    markers: tuple[str, ...]  # markers that lie in it; none if the mesh has no marker there
     rows: np.ndarray  # int, nodes of the mesh in it, ascending
     normal: np.ndarray  # (3,), unit normal
-    # direction of the lattice along its normal, and which side of it the plane is: 0 at its start, -1 at its end
+    # direction of the lattice along its normal, and which of its sides the plane is: 0 at its start, -1 at its end
     axis: int
     end: int
 
@@ -60,10 +60,10 @@ def find_end_planes(
     mesh: MixedMesh,
     kinds: Mapping[str, str],
     wall_rows: np.ndarray,
-    tied: Collection[str] = (),  # markers whose nodes move as their copies do
+    tied: Collection[str] = (),  # markers whose nodes move like their copies
 ) -> tuple[EndPlane, ...]:
-    """Find planes of symmetry, and other planes at the ends of a mesh that its walls end on."""
-    # Walls that end on an inlet, an outlet or a side of a wind tunnel would tear cells if its nodes stayed.
+    """Find symmetry planes, and other end planes of a mesh at which its walls end."""
+    # Walls that end at an inlet, an outlet or a wind tunnel side would tear cells if its nodes stayed.
     size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
     found: list[EndPlane] = []
     for name, faces in (mesh.markers or {}).items():
@@ -84,7 +84,7 @@ def find_end_planes(
 
 
 def _end_plane(mesh: MixedMesh, name: str, rows: np.ndarray, is_symmetry: bool, size: float) -> EndPlane | None:
-    """The plane of nodes of a marker at an end of the mesh; None of one that need not be at an end and is not."""
+    """The plane of a marker's nodes at an end of the mesh; None for a marker that need not be at an end and is not."""
     normal, off = _plane_of(mesh.points[rows])
     if off > FLAT * size:
         by = f"{off:.3g} {mesh.length_unit}"
@@ -102,7 +102,7 @@ def _end_plane(mesh: MixedMesh, name: str, rows: np.ndarray, is_symmetry: bool, 
 
 
 def _parts_in_planes(points: np.ndarray, faces: np.ndarray, size: float) -> list[np.ndarray]:
-    """Nodes of the faces of a marker that lie in the same plane: both sides of a section may be one marker."""
+    """Nodes of a marker's faces, grouped by plane: both sides of a section may be one marker."""
     areas = area_vectors(points[faces])
     lengths = np.linalg.norm(areas, axis=1)
     faces, normals = faces[lengths > 0.0], areas[lengths > 0.0] / lengths[lengths > 0.0][:, None]
@@ -115,7 +115,7 @@ def _parts_in_planes(points: np.ndarray, faces: np.ndarray, size: float) -> list
 
 
 def _sides_of_layer(mesh: MixedMesh) -> list[EndPlane]:
-    """The two planes of a mesh of two dimensions."""
+    """The two planes of a two-dimensional mesh."""
     n = mesh.n_stored
     normal = mesh.points[n] - mesh.points[0]
     normal /= np.linalg.norm(normal)
@@ -123,7 +123,7 @@ def _sides_of_layer(mesh: MixedMesh) -> list[EndPlane]:
 
 
 def _plane_of(points: np.ndarray) -> tuple[np.ndarray, float]:
-    """Unit normal of the plane through points, and how far they are off it."""
+    """Unit normal of the plane through points, and their largest distance from it."""
     if len(points) < 3:
         return np.zeros(3), np.inf
     normal, distances, _ = nearest_plane(points)
@@ -131,7 +131,7 @@ def _plane_of(points: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _merged(found: Sequence[EndPlane]) -> list[EndPlane]:
-    """Make planes that are the same one."""
+    """Merge planes that coincide."""
     planes: list[EndPlane] = []
     for plane in found:
         for k, other in enumerate(planes):
@@ -147,9 +147,9 @@ def _merged(found: Sequence[EndPlane]) -> list[EndPlane]:
 def lattice_axes(
     source: str,
     planes: Sequence[EndPlane],
-    shifts: Sequence[np.ndarray] = (),  # (3,), from periodic sides to their copies, which are directions if they can be
+    shifts: Sequence[np.ndarray] = (),  # (3,), from periodic sides to their copies, used as directions if possible
 ) -> tuple[np.ndarray, tuple[EndPlane, ...]]:
-    """Directions of the lattice, as rows: those of space, or those of planes; and the sides that planes are."""
+    """Directions of the lattice, as rows, from space or from planes; and the lattice sides of the planes."""
     axes: list[np.ndarray] = []
     for plane in planes:
         along = [abs(axis @ plane.normal) for axis in axes]
@@ -181,7 +181,7 @@ def lattice_axes(
 
 
 def section_axis(points: np.ndarray, planes: tuple[EndPlane, ...], axes: np.ndarray) -> int | None:
-    """Direction of the lattice across a section, whose nodes are all in the two planes across it."""
+    """Direction of the lattice across a section, whose nodes are all in two planes."""
     for axis in range(3):
         pair = [plane for plane in planes if plane.axis == axis]
         if len(pair) == 2:

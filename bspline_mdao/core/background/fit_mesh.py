@@ -1,4 +1,4 @@
-"""From the file of a mesh to what moves it: the twin of `fit_grid` for meshes without structure.
+"""From a mesh file to its mover: the counterpart of `fit_grid` for unstructured meshes.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -28,21 +28,21 @@ def fit_mesh(
     settings: LatticeSettings = DEFAULTS,
     units: str | None = None,
 ) -> MeshModel:
-    r"""Put a lattice around the mesh of a file.
+    r"""Put a lattice around the mesh in a file.
 
     Parameters
     ----------
     path : path-like
         The file, or OpenFOAM's folder ``polyMesh``, see `read_mesh`; or a structured grid, PLOT3D or CGNS, see
-        `read_grid`, whose blocks all move by the same lattice, whether they are joined or overlap.
+        `read_grid`, whose blocks all move with the same lattice, whether joined or overlapping.
     patches : path-like, optional
-        TOML file with the kinds of its markers, see `read_kinds`; what it leaves out is guessed, see `guess_kinds`. Of
-        a grid its patches, see `read_patches`.
+        TOML file with the kinds of its markers, see `read_kinds`; missing kinds are guessed, see `guess_kinds`. For a
+        grid, its patches, see `read_patches`.
     settings : LatticeSettings
-        What the lattice is like.
+        Settings of the lattice.
     units : str, optional
-        Unit of the lengths of a file that does not say it, ``"mm"`` for example: they are shown in it, and stay as they
-        are. Metres are assumed otherwise.
+        Length unit of a file that does not state it, for example ``"mm"``: lengths are displayed in it and not
+        converted. The default is metres.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def fit_mesh(
     Raises
     ------
     InputError
-        If a file cannot be used, no marker seems to be a wall, or as for `MeshModel.of`.
+        If a file is invalid, no marker seems to be a wall, or as for `MeshModel.of`.
 
     Examples
     --------
@@ -73,7 +73,7 @@ def fit_mesh(
 def read_marked_mesh(
     path: str | os.PathLike, patches: str | os.PathLike | None, units: str | None = None
 ) -> tuple[MixedMesh, dict[str, MarkerGuess]]:
-    """Read a mesh and what its markers are; `InputError` if that does not say what moves."""
+    """Read a mesh and the kinds of its markers; `InputError` if they do not define what moves."""
     if not is_mesh(path):
         mesh, kinds = mesh_of_blocks(path, read_marked_grid(path, patches))
         return in_unit(mesh, units), kinds
@@ -86,7 +86,7 @@ def read_marked_mesh(
 
 
 def mesh_of_blocks(path: str | os.PathLike, marked: MarkedGrid) -> tuple[MixedMesh, dict[str, MarkerGuess]]:
-    """Mesh of the blocks of a file, and what its markers are; `InputError` if none of them moves."""
+    """Mesh of the blocks of a file, and the kinds of its markers; `InputError` if none of them moves."""
     if not any(guess.kind == "wall" for guess in marked.kinds.values()):
         raise InputError(
             f"{path}: no patch is a wall, or looks like one, so that nothing moves; 'bspline-mdao inspect {path} "

@@ -1,6 +1,6 @@
-"""The lattice around a mesh as a lattice of free form: its points are design variables.
+"""The lattice around a mesh as a free-form lattice: its points are design variables.
 
-The walls then move as the whole mesh would by these points, x = x0 + A d, and the mover carries the mesh along.
+The walls then move as the whole mesh would with these points, x = x0 + A d, and the mover moves the mesh with them.
 
 Theory: ``docs/theory/free_form.rst``.
 """
@@ -19,9 +19,9 @@ __all__ = ["free_lattice"]
 def free_lattice(model: MeshModel, **options: Any) -> Lattice:
     """Use the lattice around an unstructured mesh as a free-form lattice.
 
-    Its spans are those that the mesh moves by: even around the walls, and growing from there to the ends of the mesh.
-    Points that no node of the walls depends on have no values in `FreeForm`, so that those near the walls are left. A
-    coarser one is that of ``model.with_settings(LatticeSettings(spacing=...))``.
+    It has the spans that move the mesh: even around the walls, and growing from there to the ends of the mesh. Points
+    that affect no wall node have no values in `FreeForm`, so only points near the walls remain.
+    ``model.with_settings(LatticeSettings(spacing=...))`` has a coarser lattice.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def free_lattice(model: MeshModel, **options: Any) -> Lattice:
     Raises
     ------
     InputError
-        If the lattice is one around an axis, whose knots are no coordinates of a box.
+        If the lattice is cylindrical, so its knots are not the coordinates of a box.
 
     Examples
     --------

@@ -1,11 +1,11 @@
-"""Coordinates that a lattice is laid in: Cartesian, or cylindrical about the axis of a rotation that sides repeat by.
+"""Coordinates of a lattice: Cartesian, or cylindrical about the axis of a rotation between periodic sides.
 
-Cylindrical ones are x along the axis, the radius r, and r0 times the angle, with a radius r0 of the walls, so that all
-are lengths. Displacements and rotations are taken along the directions of these where a point is,
+Cylindrical coordinates are x along the axis, the radius r, and r0 times the angle, with a radius r0 of the walls, so
+all are lengths. Displacements and rotations are taken along their directions at the point,
 
     u = Q(theta)^T A d ,    d: components of the displacements of control points, A: the basis functions,
 
-so that what does not depend on the angle moves alike all around. On the axis there is no direction but along it.
+so anything independent of the angle moves equally all around. On the axis the only direction is along it.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -25,21 +25,21 @@ AROUND = 2
 """Direction of cylindrical coordinates around the axis."""
 
 ON_AXIS = 1e-6
-"""Part of the size of a mesh by which a node on an axis may be off it: digits of single precision."""
+"""Fraction of the size of a mesh by which a node on an axis may be off it: single precision."""
 
 
 @dataclass(frozen=True, eq=False)
 class Directions(OneLine):
     """Directions of the coordinates at points."""
 
-    rows: np.ndarray  # (3, 3), unit vectors of all points, or (n, 3, 3), of each; rows of zeros are no directions
+    rows: np.ndarray  # (3, 3), unit vectors for all points, or (n, 3, 3), for each; zero rows are missing directions
 
     def local(self, vectors: np.ndarray) -> np.ndarray:
         """Components of vectors, shape (n, 3), along the directions."""
         return vectors @ self.rows.T if self.rows.ndim == 2 else np.einsum("nij,nj->ni", self.rows, vectors)
 
     def space(self, components: np.ndarray) -> np.ndarray:
-        """Transpose of `local`: vectors of components, shape (n, 3)."""
+        """Transpose of `local`: vectors from components, shape (n, 3)."""
         return components @ self.rows if self.rows.ndim == 2 else np.einsum("nij,ni->nj", self.rows, components)
 
 
@@ -56,7 +56,7 @@ class LatticeFrame(OneLine):
 
     @property
     def sign(self) -> float:
-        """One where directions are right-handed, else minus one: what vectors of rotations change by."""
+        """One if directions are right-handed, else minus one: the factor of rotation vectors."""
         return float(np.sign(np.linalg.det(self.axes)))
 
     def to_local(self, points: np.ndarray) -> np.ndarray:
@@ -85,34 +85,34 @@ class LatticeFrame(OneLine):
         return np.zeros(len(points), dtype=bool)
 
     def side_on_axis(self, low: float) -> tuple[int, int] | None:
-        """Direction and end of the side that is on the axis, of a direction that begins at a place (m)."""
+        """Direction and end of the side on the axis, if there is one, for a direction that begins at ``low`` (m)."""
         return None
 
     def steepness(self, radii: np.ndarray) -> np.ndarray:
-        """Slopes in space around the axis by those in the coordinate, at radii (m): there is no axis."""
+        """Ratio of slopes in space around the axis to slopes in the coordinate, at radii (m): there is no axis."""
         return np.ones_like(radii)
 
     def turns_of_copies(self, points: np.ndarray, firsts: np.ndarray) -> np.ndarray | None:
-        """How displacements of points turn that are copies of others, both of shape (n, 3): not at all."""
+        """Rotations of the displacements of copies of points, both of shape (n, 3): none."""
         return None
 
 
 @dataclass(frozen=True, eq=False)
 class CylindricalFrame(LatticeFrame):
-    """Cylindrical coordinates: ``axes`` are the axis, and the directions of r and of the angle where that is zero."""
+    """Cylindrical coordinates: ``axes`` are the axis, and the directions of r and of the angle at angle zero."""
 
-    motion: Motion  # the rotation that sides repeat by
+    motion: Motion  # the rotation between periodic sides
     radius: float  # r0 (m)
     near: float  # distance from the axis up to which points are on it (m)
 
     @classmethod
     def about(
         cls,
-        motion: Motion,  # the rotation that sides repeat by
+        motion: Motion,  # the rotation between periodic sides
         points: np.ndarray,  # (n, 3), nodes of the mesh (m)
-        walls: np.ndarray,  # (n_walls, 3), those of walls (m)
+        walls: np.ndarray,  # (n_walls, 3), wall nodes (m)
     ) -> CylindricalFrame:
-        """Cut the circle where no node is, or anywhere if there is one at each angle."""
+        """Cut the circle at an angle without nodes, or anywhere if there is none."""
         axis = np.array(motion.axis)
         across = np.eye(3)[np.argmin(np.abs(axis))]
         across = across - (across @ axis) * axis
@@ -137,14 +137,14 @@ class CylindricalFrame(LatticeFrame):
 
     @property
     def period(self) -> float:
-        """Length by which the mesh repeats itself in the third coordinate (m)."""
+        """Period of the mesh in the third coordinate (m)."""
         return self.radius * abs(self.motion.angle)
 
     def to_local(self, points: np.ndarray) -> np.ndarray:
         """Coordinates of points, both of shape (n, 3), in metres."""
         along, x, y = ((points - self.motion.point) @ self.axes.T).T
         radius = np.hypot(x, y)
-        angle = np.where(radius <= self.near, 0.0, np.arctan2(y, x))  # on the axis it would be that of rounding
+        angle = np.where(radius <= self.near, 0.0, np.arctan2(y, x))  # on the axis it would be rounding error
         return np.stack([along, radius, self.radius * angle], axis=1)
 
     def to_space(self, coordinates: np.ndarray) -> np.ndarray:
@@ -154,7 +154,7 @@ class CylindricalFrame(LatticeFrame):
         return local @ self.axes + self.motion.point
 
     def directions(self, points: np.ndarray) -> Directions:
-        """Directions at points, shape (n, 3), in metres: along the axis alone for those on it."""
+        """Directions at points, shape (n, 3), in metres: only along the axis for points on it."""
         rows = self.directions_at(self.to_local(points)).rows
         rows[self.is_on_axis(points), 1:] = 0.0
         return Directions(rows)
@@ -173,15 +173,15 @@ class CylindricalFrame(LatticeFrame):
         return self.to_local(points)[:, 1] <= self.near
 
     def side_on_axis(self, low: float) -> tuple[int, int] | None:
-        """Direction and end of the side of a lattice that is on the axis, if radii begin at a place (m) there."""
+        """Direction and end of the lattice side on the axis, if radii that begin at ``low`` (m) reach it."""
         return (1, 0) if low <= self.near else None
 
     def steepness(self, radii: np.ndarray) -> np.ndarray:
-        """Slopes in space around the axis by those in the coordinate, at radii (m)."""
+        """Ratio of slopes in space around the axis to slopes in the coordinate, at radii (m)."""
         return self.radius / radii
 
     def turns_of_copies(self, points: np.ndarray, firsts: np.ndarray) -> np.ndarray:
-        """How displacements of points turn that are copies of others, both of shape (n, 3), as matrices (n, 3, 3)."""
+        """Rotations of the displacements of copies of points, both of shape (n, 3), as matrices (n, 3, 3)."""
         periods, turns = self._periods(points, firsts), np.tile(np.eye(3), (len(points), 1, 1))
         is_turned = periods != 0.0
         rows = self._turned(self.motion.angle * periods[is_turned])
@@ -189,14 +189,14 @@ class CylindricalFrame(LatticeFrame):
         return turns
 
     def directions_of_copies(self, points: np.ndarray, firsts: np.ndarray) -> Directions:
-        """Directions at points that are copies of others, both of shape (n, 3): theirs, but for whole periods."""
+        """Directions at copies of points, both of shape (n, 3): the originals' directions up to whole periods."""
         angles = self.to_local(firsts)[:, 2] / self.radius
         rows = self._turned(angles + self.motion.angle * self._periods(points, firsts))
         rows[self.is_on_axis(points), 1:] = 0.0
         return Directions(rows)
 
     def _periods(self, points: np.ndarray, firsts: np.ndarray) -> np.ndarray:
-        """By how many periods points are ahead of those that they are copies of, both of shape (n, 3)."""
+        """Number of periods by which copies are ahead of their originals, both of shape (n, 3)."""
         angles, others = (self.to_local(each)[:, 2] / self.radius for each in (points, firsts))
         return np.where(self.is_on_axis(points), 0.0, np.round((angles - others) / self.motion.angle))
 

@@ -1,11 +1,11 @@
 """Knots of one direction of a lattice, in metres, and the integrals of its basis functions.
 
-Beyond the walls spans grow to the ends of the mesh's box, or the line repeats itself, see `.wall_widths` for those
-between. Derivatives are taken by a length h of the span that they are in, its width where nothing asks for less,
+Beyond the walls spans grow to the ends of the mesh's box, or the line is periodic; see `.wall_widths` for the spans in
+between. Derivatives are scaled by a length h of their span, its width unless a smaller one is requested,
 
     G_m,ij = sum over spans of h^(2 m - 1) integral of B_i^(m) B_j^(m) dx ,    m = 0, 1, 2,
 
-so that an energy made of them does not depend on the size of anything, and weighs a wide span as much as a narrow one.
+so an energy composed of them is independent of size, and gives wide and narrow spans the same weight.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -26,16 +26,16 @@ from ..splines.knots import ConstantKnots
 __all__ = ["LatticeLine", "even_breaks"]
 
 DEGREE = 3
-"""Cubic: curvatures, whose squares the energy sums, are continuous."""
+"""Cubic: curvatures, whose squares are summed in the energy, are continuous."""
 
 SHORTEST = 0.5
-"""An end of the box that is nearer to the even spans than this part of one is met by making the last one wider."""
+"""If an end of the box is nearer to the even spans than this fraction of one, the last one is widened to reach it."""
 
 FEWEST = 4
-"""Spans of a period: with fewer, a function would be its own neighbour."""
+"""Minimum number of spans in a period: with fewer, a function would be its own neighbour."""
 
 ROUNDING = 1e-13
-"""Parts of unknowns in control points that are rounding: the others are a sixth at least."""
+"""Weights of unknowns in control points below this are rounding errors: the others are at least a sixth."""
 
 BEYOND = 3
 """Power of the growth far from the walls, where displacements are small and smooth."""
@@ -46,19 +46,19 @@ class LatticeLine:
     """One direction of a lattice."""
 
     breaks: np.ndarray  # (n_spans + 1,), ends of the spans, ascending (m)
-    scales: np.ndarray  # (n_spans,), the lengths by which derivatives in the spans are taken (m)
-    # whether all control points move alike: across a section, whose two planes are the ends of a single span
+    scales: np.ndarray  # (n_spans,), the lengths that scale derivatives in the spans (m)
+    # whether all control points move equally: across a section, whose two planes are the ends of a single span
     is_tied: bool = False
-    is_periodic: bool = False  # whether it repeats itself beyond its ends: spans are even, and ends move alike
+    is_periodic: bool = False  # whether it is periodic: spans are even, and ends move equally
 
     @classmethod
     def between(
         cls,
         box: tuple[float, float],  # ends of the mesh (m)
         inner: np.ndarray,  # (n,), ends of the spans around the walls, ascending, within the box (m)
-        width: float,  # of spans there that nothing asks to be narrower (m)
+        width: float,  # width of spans there unless narrower ones are requested (m)
         growth: float,  # ratio of the widths of neighbouring spans beyond
-        near: float,  # distance from these from which on spans grow faster (m)
+        near: float,  # distance from these beyond which spans grow faster (m)
     ) -> LatticeLine:
         """Continue spans to the ends of a mesh."""
         breaks = _continued(box, inner, growth, near)
@@ -71,10 +71,10 @@ class LatticeLine:
         cls,
         low: float,  # where a period begins (m)
         period: float,  # its length (m)
-        width: float,  # of spans, at most (m)
-        scale: float,  # length by which derivatives are taken, at most (m)
+        width: float,  # largest width of spans (m)
+        scale: float,  # largest length that scales derivatives (m)
     ) -> LatticeLine:
-        """Cut a direction into spans that repeat themselves."""
+        """Divide a direction into periodic spans."""
         n, n_coarse = (max(FEWEST, int(np.ceil(period / each - 1e-9))) for each in (width, scale))
         return cls(np.linspace(low, low + period, n + 1), np.full(n, period / n_coarse), is_periodic=True)
 
@@ -85,7 +85,7 @@ class LatticeLine:
 
     @property
     def length(self) -> float:
-        """Length of the whole (m)."""
+        """Total length (m)."""
         return float(self.breaks[-1] - self.breaks[0])
 
     @property
@@ -95,7 +95,7 @@ class LatticeLine:
 
     @property
     def n_unknowns(self) -> int:
-        """Number of control points that move by themselves."""
+        """Number of control points that move independently."""
         return self.ties.shape[1]
 
     @cached_property
@@ -106,7 +106,7 @@ class LatticeLine:
             return csr_array(np.ones((n, 1)))
         if not self.is_periodic:
             return csr_array(eye_array(n))
-        # Splines whose ends meet with two derivatives, by those with ends: the same functions at as many places
+        # Periodic splines with two continuous derivatives in terms of open ones: the same functions at as many places
         n_spans, p = len(self.breaks) - 1, self.degree
         knots = self.breaks[0] + self.length / n_spans * np.arange(-p, n_spans + p + 1)
         wrapped = np.eye(n_spans)[np.arange(n) % n_spans]
@@ -141,13 +141,13 @@ class LatticeLine:
         return np.clip((self.wrapped(coordinates) - self.breaks[0]) / self.length, 0.0, 1.0)
 
     def wrapped(self, coordinates: np.ndarray) -> np.ndarray:
-        """Coordinates within the period (m), where there is one."""
+        """Coordinates within the period (m), if there is one."""
         if not self.is_periodic:
             return coordinates
         return self.breaks[0] + np.mod(coordinates - self.breaks[0], self.length)
 
     def spans(self, coordinates: np.ndarray) -> np.ndarray:
-        """Number of the span that each coordinate (m) is in."""
+        """Number of the span that contains each coordinate (m)."""
         coordinates = self.wrapped(coordinates)
         return np.clip(np.searchsorted(self.breaks, coordinates, side="right") - 1, 0, len(self.breaks) - 2)
 
@@ -176,7 +176,7 @@ class LatticeLine:
         return (self.breaks[:-1, None] + 0.5 * widths * (1.0 + places)).ravel()
 
     def at_gauss_points(self, m: int, n: int) -> tuple[csr_array, np.ndarray]:
-        """The m-th derivatives of the unknowns at n Gauss points of each span, and the lengths these stand for (m)."""
+        """The m-th derivatives of the unknowns at n Gauss points of each span, and the points' weights (m)."""
         if self.is_tied:
             return csr_array(np.full((1, 1), float(m == 0))), np.ones(1)
         weights, widths = np.polynomial.legendre.leggauss(n)[1], np.diff(self.breaks)[:, None]
@@ -185,7 +185,7 @@ class LatticeLine:
 
 
 def even_breaks(low: float, high: float, width: float) -> np.ndarray:
-    """Ends of even spans of a width (m), at most."""
+    """Ends of even spans of at most a width (m)."""
     return np.linspace(low, high, max(1, int(np.ceil((high - low) / width - 1e-9))) + 1)
 
 
@@ -199,7 +199,7 @@ def _continued(box: tuple[float, float], inner: np.ndarray, growth: float, near:
 
 
 def _growing(length: float, width: float, growth: float, near: float) -> np.ndarray:
-    """Distances of the ends of growing spans that fill a length, ascending; none where it is too short for one."""
+    """Distances of the ends of growing spans that fill a length, ascending; none if it is too short for one."""
     if length < SHORTEST * width:
         return np.zeros(0)
     ends = _ends(width, growth, min(length, near))
@@ -213,6 +213,6 @@ def _growing(length: float, width: float, growth: float, near: float) -> np.ndar
 
 
 def _ends(width: float, growth: float, length: float) -> np.ndarray:
-    """Distances of the ends of spans, each wider than the one before, the first than a width, that reach a length."""
+    """Distances of the ends of spans that reach a length, each wider than the previous, the first than ``width``."""
     n = max(1, int(np.ceil(np.log1p(length / width * (growth - 1.0) / growth) / np.log(growth) - 1e-9)))
     return width * np.cumsum(growth ** np.arange(1, n + 1))

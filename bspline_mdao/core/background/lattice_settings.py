@@ -1,4 +1,4 @@
-"""What the lattice around a mesh is like."""
+"""Settings of the lattice around a mesh."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ __all__ = ["DEFAULTS", "LatticeSettings"]
 class LatticeSettings(OneLine):
     """Settings of a lattice.
 
-    A mesh of the RAE 2822 whose two sides get bumps within one span of each other inverts 799 cells with a stiffness of
-    1e6, and none with 1e2 or 1e4; with 1e2 a wing bent by 60 degrees inverts 35, and none with 1e4 or 1e6. Of 6, 8, 10
-    and 13 spans, 10 leave the largest smallest volume of pyHyp's M6 bent by 60 degrees, by that before: 0.20, 0.33,
-    0.38 and 0.10.
+    For a mesh of the RAE 2822 with bumps on both sides within one span of each other, 799 cells are inverted with a
+    stiffness of 1e6, and none with 1e2 or 1e4. For a wing bent by 60 degrees, 35 are inverted with 1e2, and none with
+    1e4 or 1e6. For pyHyp's M6 bent by 60 degrees, the smallest volume relative to the baseline is 0.20, 0.33, 0.38 and
+    0.10 with 6, 8, 10 and 13 spans: 10 is best.
 
     Parameters
     ----------
     spacing : float, optional
-        Width of the spans around all walls (m); by default each body has its own.
+        Width of the spans around all walls (m); by default each body has its own width.
     spans : float
-        Spans along the longest side of the box of each body, which is what faces of walls join.
+        Number of spans along the longest side of each body's box; a body is a connected set of wall faces.
     padding : float
-        How far beyond the box of a body spans are even, by its longest side.
+        Distance beyond the box of a body to which spans are even, relative to its longest side.
     growth : float
-        Ratio of the widths of neighbouring spans from there on.
+        Ratio of the widths of neighbouring spans beyond that.
     stiffness : float
-        Weight of the walls against the energy, for each element of the lattice that they cross.
+        Weight of the walls relative to the energy, for each lattice element that they cross.
     refined : tuple of tuple
         Where spans are narrower: direction of the lattice (0, 1 or 2), both ends of an interval in it, and the width of
-        spans there (m). `MeshModel.refined_for` finds what moves ask for.
+        spans there (m). `MeshModel.refined_for` finds the refinement needed by moves.
 
     Examples
     --------

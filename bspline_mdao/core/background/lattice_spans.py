@@ -1,4 +1,4 @@
-"""Spans of the lattice around a mesh: narrow at small bodies and in gaps, and no more than memory holds.
+"""Spans of the lattice around a mesh: narrow at small bodies and in gaps, within the available memory.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -23,38 +23,38 @@ from .wall_widths import THINNEST, Gap, Interval, WallBody, asked_in_gap, bodies
 __all__ = ["MeshBox", "factor_bytes"]
 
 FAR = 10.0
-"""Distance from the walls, by their size, from which on spans grow faster: with 1, cells next to three elements that
-turn by 20 degrees lose half of their volume in place of a quarter."""
+"""Distance from the walls, relative to their size, beyond which spans grow faster: with 1, cells next to three elements
+that rotate by 20 degrees lose half of their volume instead of a quarter."""
 
 BYTES_A_POINT = 32.0
 """Bytes of a factor for each control point and each point of the lattice's smallest cross-section: 31 with 15 points in
 each direction, 22 with 35."""
 
 IN_ALL = 4.0
-"""Memory that two factors and making them take, by that of one: 3.7 with 35 points in each direction."""
+"""Memory for two factors and the factorizations, relative to one factor: 3.7 with 35 points in each direction."""
 
 PART_OF_MEMORY = 0.8
-"""What a lattice may take of the memory that is free."""
+"""Fraction of free memory that a lattice may use."""
 
 WITHOUT_ASKING = 1e9
-"""Bytes of a factor from which on small bodies have wider spans than they would have, unless a spacing is asked for."""
+"""Bytes of a factor beyond which small bodies get wider spans than otherwise, unless a spacing is given."""
 
 WIDER = 1.1
-"""Steps in which spacings that fit are looked for."""
+"""Ratio of successive spacings in the search for one that fits."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshBox(OneLine):
-    """What lattices are laid around."""
+    """The box and walls of a mesh, around which lattices are laid."""
 
     source: str  # where the mesh comes from
     frame: LatticeFrame  # coordinates of the lattice
-    section_axis: int | None  # direction across a section, whose nodes are all at the two ends of it
+    section_axis: int | None  # direction across a section, whose nodes are all at its two ends
     low: np.ndarray  # (3,), corners of the box of the mesh, in these coordinates (m)
     high: np.ndarray
     walls: np.ndarray  # (n_wall, 3), nodes of walls, in these coordinates (m)
     faces: np.ndarray  # int (n_faces, 4), their faces
-    periods: Mapping[int, float]  # lengths of periods, by directions in which the mesh repeats itself (m)
+    periods: Mapping[int, float]  # lengths of periods (m), by periodic directions of the mesh
 
     @classmethod
     def of(
@@ -73,7 +73,7 @@ class MeshBox(OneLine):
         return cls(source, frame, section_axis, low, high, points[rows], numbers.reshape(faces.shape), periods)
 
     def lattice(self, settings: LatticeSettings) -> BackgroundLattice:
-        """Lay a lattice; `InputError` if memory does not hold what moves it."""
+        """Lay a lattice; `InputError` if its mover does not fit in memory."""
         gaps = () if settings.spacing else self.gaps(settings.spans)
         lattice = self._laid(settings, gaps)
         if settings.spacing is None and not settings.refined:
@@ -86,7 +86,7 @@ class MeshBox(OneLine):
 
     @property
     def sides(self) -> list[int]:
-        """Directions of the lattice but for that across a section."""
+        """Directions of the lattice except the one across a section."""
         return [d for d in range(3) if d != self.section_axis]
 
     @cached_property
@@ -100,11 +100,11 @@ class MeshBox(OneLine):
         return bodies_of(self.walls, self.faces)
 
     def gaps(self, spans: float) -> tuple[Gap, ...]:
-        """Where bodies are within a span of each other, one of so many along the longest side."""
+        """Where bodies are within a span of each other, for a number of spans along the longest side."""
         return gaps_between(self.walls, self.bodies, [body.size(self.sides) / spans for body in self.bodies])
 
     def _laid(self, settings: LatticeSettings, gaps: Sequence[Gap], narrowest: float = 0.0) -> BackgroundLattice:
-        """A lattice, whose spans are not narrower than a width (m) but where they are refined."""
+        """A lattice with spans no narrower than a width (m) except in refinements."""
         lines = []
         for d in range(3):
             box = float(self.low[d]), float(self.high[d])
@@ -127,7 +127,7 @@ class MeshBox(OneLine):
         return BackgroundLattice((lines[0], lines[1], lines[2]), self.frame)
 
     def _around_bodies(self, axis: int, settings: LatticeSettings) -> list[Interval]:
-        """Widths that bodies ask for in one direction, in their boxes and a little beyond; one of all for a spacing."""
+        """Widths for bodies in one direction, in their boxes and slightly beyond; a single one for a spacing."""
         bodies = self.bodies
         if settings.spacing:
             bodies = (WallBody(np.zeros(0, dtype=int), self.walls.min(axis=0), self.walls.max(axis=0)),)
@@ -140,7 +140,7 @@ class MeshBox(OneLine):
         return found
 
     def _require_memory(self, lattice: BackgroundLattice, settings: LatticeSettings) -> None:
-        """Refuse a lattice that memory does not hold, and say which spacing it would."""
+        """Refuse a lattice that does not fit in memory, and suggest a spacing that does."""
         free = PART_OF_MEMORY * available_bytes()
         needed = IN_ALL * factor_bytes(lattice)
         if needed <= free:
@@ -155,6 +155,6 @@ class MeshBox(OneLine):
 
 
 def factor_bytes(lattice: BackgroundLattice) -> float:
-    """Predict the bytes of the factor of what moves a lattice."""
+    """Predict the bytes of the factor of a lattice's mover."""
     counts: Sequence[int] = sorted(line.n_unknowns for line in lattice.lines)
     return BYTES_A_POINT * np.prod(counts, dtype=float) * counts[0] * counts[1]

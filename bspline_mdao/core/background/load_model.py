@@ -12,5 +12,5 @@ __all__ = ["load_model"]
 
 
 def load_model(path: str | os.PathLike) -> FittedModel | MeshModel:
-    """Read the model of a grid of blocks, or of a mesh without structure; `InputError` if it cannot be used."""
+    """Read the model of a block-structured grid or of an unstructured mesh; `InputError` if it is invalid."""
     return MeshModel.load(path) if is_mesh_model(path) else FittedModel.load(path)

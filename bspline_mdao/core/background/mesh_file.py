@@ -1,4 +1,4 @@
-"""One HDF5 file for a mesh without structure that is ready to move.
+"""One HDF5 file for an unstructured mesh that is ready to move.
 
 Layout, version 1::
 
@@ -8,10 +8,10 @@ Layout, version 1::
     /cells/<kind>           corners of the cells of each kind
     /markers/<n>            (n_faces, 4) faces of the markers, in the order of the document
     /faces, /face_cells     faces of polyhedra and their cells, where there are some
-    /numbers                (n_file,) node that each node of the file is, of a grid of blocks
+    /numbers                (n_file,) node of the mesh for each node of the file, for a grid of blocks
 
-Lattice, planes and all else are made again from these. The mesh's own file, in whose bytes moved nodes are written, is
-not in it: its place is.
+Lattice, planes and everything else are rebuilt from these. The mesh's own file, which receives moved nodes in place, is
+not included, only its path.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ VERSION = 1
 
 
 def is_mesh_model(path: str | os.PathLike) -> bool:
-    """Whether a file is a model of a mesh without structure."""
+    """Whether a file is a model of an unstructured mesh."""
     if not Path(path).is_file() or not h5py.is_hdf5(path):
         return False
     with h5py.File(path, "r") as file:
@@ -51,7 +51,7 @@ def is_mesh_model(path: str | os.PathLike) -> bool:
 
 
 def mesh_file_in(path: str | os.PathLike) -> str:
-    """Name of the mesh's own file, as the model of a mesh has it; empty where it has none."""
+    """Name of the mesh's own file as stored in the model; empty if there is none."""
     with h5py.File(path, "r") as file:
         return str(file.attrs.get("mesh_file", ""))
 
@@ -68,7 +68,7 @@ def arrays_of(mesh: MixedMesh) -> dict[str, np.ndarray]:
 
 
 def document_of(mesh: MixedMesh, kinds: dict[str, str], settings: LatticeSettings) -> bytes:
-    """All of a model that is no array, as JSON."""
+    """All non-array data of a model, as JSON."""
     names = list(mesh.markers or {})
     fields = {"source": mesh.source, "n_copies": mesh.n_copies, "markers": names, "cells": list(mesh.cells)}
     fields |= {"unit": mesh.unit} if mesh.unit else {}

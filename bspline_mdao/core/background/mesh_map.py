@@ -1,7 +1,8 @@
-"""The map from the nodes of walls and the control points of a lattice to the nodes of a mesh.
+"""The map from wall nodes and the control points of a lattice to the nodes of a mesh.
 
-Both are the control points of the mesh: first the nodes of its walls, which are met exactly, then those of the lattice,
-which carries all else. What follows walls, and how, is that of meshes that ride along (`..riding.riding_mesh`).
+Both are the control points of the mesh: first its wall nodes, which are matched exactly, then the control points of the
+lattice, which moves everything else. What follows walls, and how, is the same as for embedded meshes
+(`..riding.riding_mesh`).
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -29,14 +30,14 @@ __all__ = ["MeshMap", "MeshState"]
 class MeshMap(OneLine):
     """A mesh as a function of its control points."""
 
-    embedded: EmbeddedMesh  # its nodes by those of the lattice and of its walls
-    n_walls: int  # number of nodes of walls, the first control points
+    embedded: EmbeddedMesh  # its nodes, moved by the lattice and the walls
+    n_walls: int  # number of wall nodes, the first control points
     tied: TiedNodes  # nodes of `embedded` on periodic sides
-    # int, places of the nodes of this process among those of `embedded`, which has those of the walls as well; None
-    # where it has all
+    # int, positions of this process's nodes among the nodes of `embedded`, which also include wall nodes; None if it
+    # has all
     places: np.ndarray | None = None
-    images: WallImages | None = None  # walls beyond periodic sides, by the nodes of walls that they are images of
-    sliding: SlidingWalls | None = None  # nodes that slide on surfaces, asked for as those of walls are
+    images: WallImages | None = None  # walls beyond periodic sides, from the wall nodes of which they are images
+    sliding: SlidingWalls | None = None  # nodes that slide on surfaces, with prescribed positions like wall nodes
 
     inputs = (CONTROL_POINTS,)
 
@@ -51,7 +52,7 @@ class MeshMap(OneLine):
         return self.taken(self.embedded.mesh.points)
 
     def taken(self, of_embedded: np.ndarray) -> np.ndarray:
-        """Vectors of the nodes of this process, shape (n_asked, 3), out of those of `embedded`."""
+        """Vectors of this process's nodes, shape (n_asked, 3), from the vectors of `embedded`."""
         return of_embedded if self.places is None else of_embedded[self.places]
 
     def spread(self, bar: np.ndarray) -> np.ndarray:
@@ -63,7 +64,7 @@ class MeshMap(OneLine):
         return whole
 
     def at(self, control_points: np.ndarray) -> MeshState:
-        """Nodes for control points, shape (n_control_points, 3), in metres, with their derivative."""
+        """Nodes at control points, shape (n_control_points, 3), in metres, with their derivative."""
         walls, lattice = control_points[: self.n_walls], control_points[self.n_walls :]
         assert self.embedded.walls is not None
         at_rest, closest = self.embedded.walls.initial[: self.n_given], None
@@ -80,16 +81,16 @@ class MeshMap(OneLine):
 
     @property
     def n_given(self) -> int:
-        """Number of nodes that are asked to be somewhere: those of walls, and those that slide."""
+        """Number of nodes with prescribed positions: wall nodes and sliding nodes."""
         return self.n_walls if self.sliding is None else self.sliding.n_asked
 
     def alike(self, change: np.ndarray) -> np.ndarray:
-        """Changes of the nodes of `embedded`, shape (n, 3), in place: those of copies are their mean."""
-        # The lattice moves copies alike; what fades around walls on one side alone, and what follows them, does not.
+        """Average the changes of `embedded`'s nodes, shape (n, 3), over copies, in place."""
+        # The lattice moves copies equally; what fades around walls on only one side, and what follows them, does not.
         return self.tied.alike(change)
 
     def with_images(self, change: np.ndarray) -> np.ndarray:
-        """Changes of the nodes that are asked for, shape (n_given, 3), and behind them those of their images."""
+        """Changes of the prescribed nodes, shape (n_given, 3), followed by the changes of their images."""
         return change if self.images is None else self.images.changes(change)
 
     def with_images_vjp(self, bar: np.ndarray) -> np.ndarray:
@@ -97,7 +98,7 @@ class MeshMap(OneLine):
         return bar if self.images is None else self.images.changes_vjp(bar)
 
     def padded(self, bar: np.ndarray) -> np.ndarray:
-        """Derivatives by all nodes of those by the nodes of this process: its nodes are all."""
+        """Pad derivatives with respect to this process's nodes to all nodes; here its nodes are all."""
         return bar
 
 
@@ -107,7 +108,7 @@ class MeshState:
 
     of: MeshMap
     embedded_state: EmbeddedMeshState
-    closest: SlidNodes | None = None  # where nodes that slide are asked to be
+    closest: SlidNodes | None = None  # prescribed positions of sliding nodes
 
     @property
     def nodes(self) -> np.ndarray:
@@ -120,7 +121,7 @@ class MeshState:
         return self.of.inputs
 
     def jvp(self, control_points: np.ndarray | None = None) -> np.ndarray:
-        """Change of the nodes with that of the control points, shape (n_control_points, 3)."""
+        """Change of the nodes from a change of the control points, shape (n_control_points, 3)."""
         if control_points is None:
             return np.zeros_like(self.nodes)
         of, walls, lattice = self.of, control_points[: self.of.n_walls], control_points[self.of.n_walls :]

@@ -1,4 +1,4 @@
-"""A mesh without structure, ready to move: its walls, the planes that it ends in, and the lattice around it.
+"""An unstructured mesh, ready to move: its walls, its end planes, and the lattice around it.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -59,35 +59,35 @@ from .wall_follower import WallFollower
 __all__ = ["MeshModel"]
 
 OF_MESH = ("walls", "wall_rows", "rows_at_rest", "wall_images")
-"""What models of the same mesh share."""
+"""Attributes shared by models of the same mesh."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshModel(Plottable, Movable):
-    """A mesh of tetrahedra, prisms and others, with what moves it. Made by `MeshModel.of`, or by `fit_mesh`.
+    """A mesh of tetrahedra, prisms and other cells, with its mover. Made by `MeshModel.of`, or by `fit_mesh`.
 
-    Its control points are the nodes of its walls and, after them, those of the lattice.
+    Its control points are its wall nodes, followed by the control points of the lattice.
 
     Parameters
     ----------
     mesh : MixedMesh
         The mesh on the baseline.
     kinds : mapping of str to str
-        Kinds of its markers: ``"wall"``, ``"symmetry"``, or anything else for the others.
+        Kinds of its markers: ``"wall"``, ``"symmetry"``, or another word for all others.
     settings : LatticeSettings
-        What the lattice is like.
+        Settings of the lattice.
     planes : tuple of EndPlane
-        Planes that the mesh ends in, whose nodes stay in them.
+        Planes in which the mesh ends, and in which their nodes stay.
     periodic : tuple of PeriodicSides
-        Sides that are copies of each other by a shift or a rotation, whose nodes move alike.
+        Sides that are copies of each other by a shift or a rotation, whose nodes move equally.
     box : MeshBox
-        What the lattice is laid around.
+        The box and walls around which the lattice is laid.
     lattice : BackgroundLattice
         The lattice.
     mesh_file : str
-        The mesh's own file, in whose bytes moved nodes are written; empty where it is not known.
+        The mesh's own file, which receives moved nodes in place; empty if unknown.
     subdomain : Subdomain, optional
-        Nodes of the process whose model this is, see `part`; it has all by default.
+        Nodes of this model's process, see `part`; all by default.
 
     Examples
     --------
@@ -127,12 +127,12 @@ class MeshModel(Plottable, Movable):
         mesh : MixedMesh
             The mesh on the baseline, with markers of its boundary.
         kinds : mapping of str to str
-            Kinds of the markers, see `marker_kinds`: nodes of walls go where they are asked to, those of planes of
-            symmetry stay in these, those inside the mesh or of no marker move along, those of periodic sides that are
-            copies of each other by a shift or a rotation move alike, those of kind ``"sliding"`` stay on the cylinder,
-            cone, sphere or surface of revolution that they are on, and all others stay.
+            Kinds of the markers, see `marker_kinds`. Wall nodes move to their prescribed positions, and nodes of
+            symmetry planes stay in these. Nodes inside the mesh or of no marker move with it. Nodes of periodic sides
+            that are copies of each other by a shift or a rotation move equally. Nodes of kind ``"sliding"`` stay on
+            their cylinder, cone, sphere or surface of revolution. All others stay.
         settings : LatticeSettings
-            What the lattice is like.
+            Settings of the lattice.
         mesh_file : path-like
             The mesh's own file.
 
@@ -143,8 +143,8 @@ class MeshModel(Plottable, Movable):
         Raises
         ------
         InputError
-            If a marker does not exist, none is a wall, a marker of symmetry is not plane or not at an end of the mesh,
-            or planes are not at right angles.
+            If a marker does not exist, none is a wall, a symmetry marker is not plane or not at an end of the mesh, or
+            planes are not perpendicular.
         """
         faces = faces_of_walls(mesh, kinds)
         frame, planes, sides = sides_of(mesh, kinds, np.unique(faces))
@@ -159,7 +159,7 @@ class MeshModel(Plottable, Movable):
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> MeshModel:
-        """Read a model from a file; `InputError` if it cannot be used."""
+        """Read a model from a file; `InputError` if it is invalid."""
         model = cls.of(*read_mesh_model(path))
         model._note_file(path)
         return model
@@ -169,12 +169,12 @@ class MeshModel(Plottable, Movable):
 
     @property
     def file(self) -> Path | None:
-        """File that the model was saved to or loaded from last; None where it was neither."""
+        """File that the model was last saved to or loaded from; None if neither."""
         return self.__dict__.get("_file")
 
     @cached_property
     def checksum(self) -> str:
-        """Checksum of all that the model is, by which case files know their model."""
+        """Checksum of the whole model, by which case files identify it."""
         return checksum_of(document_of(self.mesh, dict(self.kinds), self.settings), arrays_of(self.mesh))
 
     def with_settings(self, settings: LatticeSettings) -> MeshModel:
@@ -185,20 +185,20 @@ class MeshModel(Plottable, Movable):
         return other
 
     def refined_for(self, walls: Sequence[np.ndarray]) -> MeshModel:
-        """Refine the lattice for moves that are known, such as those at the bounds of design variables.
+        """Refine the lattice for known moves, such as the moves at the bounds of design variables.
 
-        Where the lattice would miss walls by more than the cells above them carry, its spans are halved. That is to be
-        done once, before a study or an optimisation: all its designs then have one lattice.
+        Its spans are halved where the remaining distance from the walls is more than the cells above them can absorb.
+        Do this once, before a study or an optimisation, so all designs share one lattice.
 
         Parameters
         ----------
         walls : sequence of ndarray, shape (n_walls, 3)
-            Where the moves put the nodes of the walls (m), in the order of ``wall_rows``.
+            Positions of the wall nodes after each move (m), in the order of ``wall_rows``.
 
         Returns
         -------
         MeshModel
-            This one where the lattice is fine enough.
+            This model if the lattice is fine enough.
         """
         at = self.mesh.points[self.wall_rows]
         changes = [as_finite_points(each, len(at), f"{self.source}: nodes of walls") - at for each in walls]
@@ -207,11 +207,11 @@ class MeshModel(Plottable, Movable):
         return self if settings == self.settings else self.with_settings(settings)
 
     def deformed(self, deformation: Deformation) -> np.ndarray:
-        """Where a deformation puts the nodes of the walls that are its surface (m), shape (n_surface, 3)."""
+        """Positions (m) of the deformed wall nodes on the design surface, shape (n_surface, 3)."""
         return deformed_walls(deformation)
 
     def split_copies(self, deformation: Deformation) -> tuple[float, str]:
-        """How differently a deformation moves copies of nodes of walls and their originals (m), at most, and where."""
+        """Largest difference (m) between a deformation of wall nodes and of their copies, and its location."""
         return split_copies(deformation)
 
     def wall_spacing(self) -> float:
@@ -226,7 +226,7 @@ class MeshModel(Plottable, Movable):
         return self.mesh.n_points
 
     def with_nodes(self, nodes: np.ndarray) -> MixedMesh:
-        """Mesh with nodes."""
+        """Mesh with other nodes."""
         return replace(self.mesh, points=nodes)
 
     @property
@@ -250,12 +250,12 @@ class MeshModel(Plottable, Movable):
 
     @cached_property
     def wall_rows(self) -> np.ndarray:
-        """Nodes of the walls, ascending: the first control points."""
+        """Wall nodes, ascending: the first control points."""
         return np.unique(self.walls.faces)
 
     @cached_property
     def rows_at_rest(self) -> np.ndarray:
-        """Nodes of markers that are neither walls nor in planes, ascending: they stay."""
+        """Fixed nodes, ascending: nodes of markers that are neither walls nor in planes."""
         markers = self.mesh.markers or {}
         in_planes = {name for plane in self.planes for name in plane.markers}
         in_planes |= {name for sides in self.periodic for name in sides.markers}
@@ -269,12 +269,12 @@ class MeshModel(Plottable, Movable):
 
     @cached_property
     def control_points(self) -> np.ndarray:  # type: ignore[override]
-        """Nodes of the walls and control points of the lattice (m), shape (n_control_points, 3)."""
+        """Wall nodes and control points of the lattice (m), shape (n_control_points, 3)."""
         return np.concatenate([self.mesh.points[self.wall_rows], self.lattice.control_points])
 
     @cached_property
     def moving_mesh(self) -> MovingMesh:
-        """Control points, and what each may do."""
+        """Control points with their constraints."""
         nodes = self.mesh, self.walls, self.wall_rows, self.control_points
         return points_to_move(*nodes, self.lattice, self.planes, self.periodic, self.control_ids, self.spline_names)
 
@@ -317,16 +317,16 @@ class MeshModel(Plottable, Movable):
         return self.walls.faces[np.isin(self.walls.marker, wanted)]
 
     def mover_of(self, mesh: MovingMesh) -> ThinPlate:
-        """What moves the control points behind some of the walls, see `design_mesh`."""
+        """Mover of the control points with some of the walls, see `design_mesh`."""
         return self.mover if mesh is self.moving_mesh else replace(self.mover, mesh=mesh)
 
     @cached_property
     def mover(self) -> ThinPlate:
-        """What moves the control points of the lattice behind the walls."""
+        """Mover of the lattice's control points with the walls."""
         return ThinPlate(self.moving_mesh, self.lattice, self.mesh.points[self.rows_at_rest], self.settings)
 
     def surface(self, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
-        """Nodes of walls, or of other markers by name or pattern, see `SurfaceGrid.of`."""
+        """Wall nodes, or nodes of other markers by name or pattern, see `SurfaceGrid.of`."""
         markers = self.mesh.markers or {}
         wanted = self.walls.names if patches is None else matching_names(markers, patches, self.source)
         names = tuple(name for name in markers if name in wanted)
@@ -334,7 +334,7 @@ class MeshModel(Plottable, Movable):
         return surface_of_faces(self.mesh.points, dict(zip(names, faces)), self.planes)
 
     def surface_map(self, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
-        """Map from the nodes of walls to those of a surface: the same ones, and those that stay."""
+        """Map from wall nodes to surface nodes: the same nodes, and fixed ones."""
         walls = self.wall_rows[mesh.surface_ids]
         return map_to_surface(self.mesh, walls, np.concatenate([self.wall_rows, self.rows_at_rest]), surface)
 
@@ -345,12 +345,12 @@ class MeshModel(Plottable, Movable):
 
     @property
     def control_ids(self) -> tuple[np.ndarray, ...]:
-        """Numbers of the control points of the lattice, behind the nodes of the walls."""
+        """Numbers of the lattice's control points, which follow the wall nodes."""
         ids = np.arange(self.lattice.n_control, dtype=np.int32).reshape(self.lattice.shape)
         return (len(self.wall_rows) + ids,)
 
     def splines_at(self, control_points: np.ndarray) -> tuple[BSplineMesh, np.ndarray]:
-        """The lattice, and its control points among all."""
+        """The lattice, and its control points among all control points."""
         return self.lattice.mesh, control_points[len(self.wall_rows) :]
 
     @property
@@ -365,31 +365,31 @@ class MeshModel(Plottable, Movable):
 
     @property
     def is_linear(self) -> bool:
-        """No: nodes next to walls turn with them."""
+        """No: nodes next to walls rotate with them."""
         return False
 
     @property
     def is_linear_at_walls(self) -> bool:
-        """Yes: nodes of walls are where they are asked to be."""
+        """Yes: wall nodes are at their prescribed positions."""
         return True
 
     @property
     def carries_all(self) -> bool:
-        """No: nodes of the far field stay, where there is one."""
+        """No: nodes of a far field stay."""
         return not len(self.rows_at_rest)
 
     @property
     def why_no_fit(self) -> str:
-        """Say what is there instead."""
+        """Say what replaces a fit."""
         return "a lattice needs no fit: the nodes of the walls are the surface control points"
 
     @property
     def ownership(self) -> Subdomain | None:
-        """Nodes of the process; None where it has all of them."""
+        """Nodes of the process; None if it has all of them."""
         return self.subdomain
 
     def part(self, subdomain: Subdomain) -> MeshModel:
-        """Take what a process with some nodes needs: these, and all of the walls and of the lattice."""
+        """Take the part for a process with some nodes: these, and all of the walls and the lattice."""
         if subdomain.n_nodes_of_grid != self.n_nodes:
             raise InputError(
                 f"{self.source}: a subdomain of {subdomain.n_nodes_of_grid} nodes, but the mesh has {self.n_nodes}; "
@@ -398,15 +398,15 @@ class MeshModel(Plottable, Movable):
         return replace(self, subdomain=subdomain)
 
     def partition(self, n_ranks: int) -> NodePartition:
-        """Deal its nodes out to processes, in the order of the file."""
+        """Distribute its nodes to processes, in the order of the file."""
         return NodePartition(self.n_nodes, n_ranks)
 
     def has_cells(self, subdomain: Subdomain | None) -> bool:
-        """Yes: cells are judged by the nodes of all processes."""
+        """Yes: cells are judged with the nodes of all processes."""
         return True
 
     def map_meeting(self, rows: np.ndarray, whole: Any, slides: Sequence[Slide] = ()) -> MeshMap:
-        """Walls are met by their control points as they are, and no markers slide on surfaces."""
+        """Return the map; control points already match the walls, and no markers slide on surfaces."""
         return self.node_map
 
     def follower(self, mesh: MovingMesh, surface: SurfaceGrid, numbers: np.ndarray) -> WallFollower:
@@ -416,7 +416,7 @@ class MeshModel(Plottable, Movable):
         return WallFollower.of(mesh, ids[surface.rows[numbers]], surface.points[numbers])
 
     def embed_points(self, points: np.ndarray, tolerance: float | None = None) -> MeshPoints:
-        """Find what moves points that are no nodes: the lattice, or inside the body its walls, see `MeshPoints`.
+        """Embed points that are not nodes, in the lattice, or inside the body in its walls, see `MeshPoints`.
 
         Up to ``tolerance`` (m), 1e-9 of the mesh's size by default, a point counts as inside the mesh.
         """
@@ -425,18 +425,18 @@ class MeshModel(Plottable, Movable):
         return MeshPoints.of(self.lattice, Body(walls, np.searchsorted(rows, self.walls.faces)), rows, points, near)
 
     def nodes_on_planes(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Nodes of the planes that the mesh ends in."""
+        """Nodes of the end planes of the mesh."""
         return [(plane.rows, plane.normal) for plane in self.planes]
 
     def judge(self, subdomain: Subdomain | None, comm: Any, **settings: Any) -> CellJudge:
-        """Judge the cells of the mesh; ``p`` is of p-norms, which cells of mixed kinds have not."""
+        """Make the judge of the mesh's cells; ``p`` is for p-norms, which cells of mixed kinds do not have."""
         ranks = (0, 1) if subdomain is None else (comm.rank, comm.size)
         part = MixedQuality.of(self.mesh, self.walls.faces, settings["rho"], settings["rho_height"], *ranks)
         return part if subdomain is None else GatheredQuality.of(part, comm, subdomain.rows)
 
     @cached_property
     def following_walls(self) -> RidingWalls:
-        """What follows the walls, whatever the lattice is like."""
+        """What follows the walls, independent of the lattice."""
         faces = self.walls if self.sliding_nodes is None else with_sliding(self.mesh, self.walls, self.slides)
         return following_walls(
             self.mesh, faces, self.nodes_on_planes(), self.rows_at_rest, self.nodes_here, self.wall_images
@@ -444,22 +444,22 @@ class MeshModel(Plottable, Movable):
 
     @cached_property
     def slides(self) -> dict[str, Slide]:
-        """Surfaces of the markers of kind sliding, by their names."""
+        """Surfaces of the sliding markers by name."""
         return markers_that_slide(self.mesh, self.kinds)
 
     @cached_property
     def sliding_nodes(self) -> SlidingNodes | None:
-        """Nodes that slide on surfaces which are not planes; None where there are none."""
+        """Nodes that slide on curved surfaces; None if there are none."""
         return nodes_that_slide(self.mesh, self.slides, self.planes, self.rows_at_rest)
 
     @cached_property
     def wall_images(self) -> WallImages | None:
-        """Walls beyond periodic sides; None where there are none near."""
+        """Walls beyond periodic sides; None if there are none nearby."""
         return images_of_walls(self.mesh, self.walls, self.periodic)
 
     @cached_property
     def nodes_here(self) -> np.ndarray | None:
-        """Nodes mapped here, ascending: those of this process, of walls and periodic sides; None where it has all."""
+        """Nodes mapped here, ascending: of this process, of walls and of periodic sides; None if it has all."""
         asked = self.subdomain
         if asked is None:
             return None
@@ -468,13 +468,13 @@ class MeshModel(Plottable, Movable):
 
     @property
     def _periodic_pairs(self) -> np.ndarray:
-        """Nodes of periodic sides and their copies, shape (n_pairs, 2): nodes on an axis are their own."""
+        """Nodes of periodic sides and their copies, shape (n_pairs, 2): nodes on an axis are their own copies."""
         on_axis = np.flatnonzero(self.lattice.frame.is_on_axis(self.mesh.points))
         return np.concatenate([np.stack([on_axis, on_axis], axis=1), *(each.pairs for each in self.periodic)])
 
     @cached_property
     def node_map(self) -> MeshMap:
-        """Map from the control points to the nodes, or to those of this process."""
+        """Map from the control points to the nodes, or to this process's nodes."""
         asked = None if self.subdomain is None else self.subdomain.rows
         nodes = self.mesh, self.planes, self.rows_at_rest, self._periodic_pairs
         return map_of_nodes(

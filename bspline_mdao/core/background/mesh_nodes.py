@@ -1,7 +1,7 @@
-"""The map from control points to the nodes of a mesh, or to those of them that one of several processes holds.
+"""The map from control points to the nodes of a mesh, or to the nodes of one process.
 
-Each process has the lattice, all nodes of walls, which the rotations of walls need, and all of periodic sides, whose
-copies move alike; of the rest it has its own nodes.
+Each process has the lattice, all wall nodes, which the rotations of walls need, and all nodes of periodic sides, whose
+copies move equally. Otherwise it has only its own nodes.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -28,18 +28,18 @@ __all__ = ["map_of_nodes"]
 
 def map_of_nodes(
     mesh: MixedMesh,
-    planes: tuple[EndPlane, ...],  # the planes that it ends in
+    planes: tuple[EndPlane, ...],  # its end planes
     resting: np.ndarray,  # int, nodes that stay, ascending
     pairs: np.ndarray,  # int (n_pairs, 2), nodes of periodic sides and their copies
-    walls: RidingWalls,  # what follows the walls, of the nodes `here`
+    walls: RidingWalls,  # what follows the walls among the nodes `here`
     lattice: BackgroundLattice,
-    asked: np.ndarray | None = None,  # int, the nodes of a process, in any order, a node may be there twice; else all
-    here: np.ndarray | None = None,  # int, ascending: these, and those of walls and of periodic sides
+    asked: np.ndarray | None = None,  # int, the nodes of a process, in any order, possibly repeated; else all
+    here: np.ndarray | None = None,  # int, ascending: these, and nodes of walls and of periodic sides
     images: WallImages | None = None,  # walls beyond periodic sides
-    wall_rows: np.ndarray | None = None,  # int, nodes of walls, ascending: those of `walls` but for nodes that slide
-    nodes: SlidingNodes | None = None,  # those that slide
+    wall_rows: np.ndarray | None = None,  # int, wall nodes, ascending: the nodes of `walls` without sliding ones
+    nodes: SlidingNodes | None = None,  # sliding nodes
 ) -> MeshMap:
-    """Find what moves the nodes."""
+    """Make the map to the nodes."""
     ends, places = [plane.rows for plane in planes], None
     if asked is not None and here is not None:
         wall_rows = None if wall_rows is None else np.searchsorted(here, wall_rows)

@@ -1,7 +1,7 @@
-"""Points of other disciplines that follow a mesh without structure: in the body on its walls, elsewhere on the lattice.
+"""Points of other disciplines that follow an unstructured mesh: in the body with its walls, elsewhere with the lattice.
 
-Points on the lattice move with all that it carries, but for the last part of the walls' motion, which it misses and
-nodes of the mesh get from the walls: probes in the flow, not nodes of a second mesh.
+Points in the lattice move with it, without the small part of the walls' motion that it does not match and that mesh
+nodes get from the walls: probes in the flow, not nodes of a second mesh.
 
 Theory: ``docs/theory/body_points.rst``.
 """
@@ -28,15 +28,15 @@ __all__ = ["MeshPoints", "MeshPointsState"]
 
 @dataclass(frozen=True, eq=False)
 class MeshPoints(OneLine):
-    """The map from control points of a mesh, the nodes of its walls first, to points. Made by `MeshPoints.of`."""
+    """The map from control points of a mesh, wall nodes first, to points. Made by `MeshPoints.of`."""
 
     points: np.ndarray  # (n, 3), the points on the baseline (m)
-    in_volume: np.ndarray  # int, numbers of those on the lattice
-    in_body: np.ndarray  # int, numbers of those in the body
-    evaluator: Evaluator | TurnedEvaluator  # the lattice at those on it
-    offsets: np.ndarray  # (n_in_volume, 3), what it makes of them on the baseline is off by round-off (m)
-    body: BodyPoints | None  # what those in the body ride on
-    wall_rows: np.ndarray  # int (n_walls,), nodes of the walls among those of the mesh
+    in_volume: np.ndarray  # int, numbers of points in the lattice
+    in_body: np.ndarray  # int, numbers of points in the body
+    evaluator: Evaluator | TurnedEvaluator  # the lattice at its points
+    offsets: np.ndarray  # (n_in_volume, 3), round-off of its values on the baseline (m)
+    body: BodyPoints | None  # embedding of the points in the body
+    wall_rows: np.ndarray  # int (n_walls,), wall nodes among the nodes of the mesh
     n_walls: int
 
     inputs = (CONTROL_POINTS,)
@@ -47,11 +47,11 @@ class MeshPoints(OneLine):
         cls,
         lattice: BackgroundLattice,
         body: Body,  # the walls on the baseline
-        wall_rows: np.ndarray,  # int (n_walls,), its nodes among those of the mesh
+        wall_rows: np.ndarray,  # int (n_walls,), its nodes among the nodes of the mesh
         points: np.ndarray,  # (n, 3), the points on the baseline (m)
         tolerance: float,  # distance (m) up to which a point counts as inside the lattice
     ) -> MeshPoints:
-        """Find where points are; `InputError` if one is neither in the body nor in the lattice."""
+        """Locate points; `InputError` if one is neither in the body nor in the lattice."""
         points = as_finite_points(points, len(points), "embedded points")
         is_in_body = body.is_node(points)
         others = np.flatnonzero(~is_in_body)
@@ -79,7 +79,7 @@ class MeshPoints(OneLine):
         return MeshPointsState(self, nodes)
 
     def forward(self, moves: np.ndarray) -> np.ndarray:
-        """Moves of the points, shape (n, 3), with those of the control points."""
+        """Moves of the points, shape (n, 3), from moves of the control points."""
         found = np.empty_like(self.points)
         found[self.in_volume] = self.evaluator.forward(np.ascontiguousarray(moves[self.n_walls :]))
         if self.body is not None:

@@ -1,4 +1,4 @@
-"""Surfaces of a mesh without structure: the faces of its markers, and the map from nodes of walls to them.
+"""Surfaces of an unstructured mesh: the faces of its markers, and the map from wall nodes to them.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -22,8 +22,8 @@ __all__ = ["map_to_surface", "surface_of_faces"]
 
 def surface_of_faces(
     points: np.ndarray,  # (n, 3), nodes of the mesh (m)
-    faces: Mapping[str, np.ndarray],  # faces of each marker, around the normal into the fluid
-    ends: tuple[EndPlane, ...],  # the planes that the mesh ends in
+    faces: Mapping[str, np.ndarray],  # faces of each marker, with corners around the normal into the fluid
+    ends: tuple[EndPlane, ...],  # end planes of the mesh
 ) -> SurfaceGrid:
     """Nodes of markers."""
     rows = np.unique(np.concatenate(list(faces.values())))
@@ -45,11 +45,11 @@ def surface_of_faces(
 
 def map_to_surface(
     mesh: MixedMesh,
-    walls: np.ndarray,  # int, nodes of the walls that are the design surface, in its order
-    given: np.ndarray,  # int, nodes of all walls, and those that stay
+    walls: np.ndarray,  # int, wall nodes of the design surface, in its order
+    given: np.ndarray,  # int, all wall nodes, and fixed nodes
     surface: SurfaceGrid,
 ) -> SurfaceMap:
-    """Map from the nodes of walls to those of a surface: the same ones, and those that stay."""
+    """Map from wall nodes to surface nodes: the same nodes, and fixed ones."""
     rows = np.full(mesh.n_points, -1)
     rows[walls] = np.arange(len(walls))
     at = rows[surface.rows]

@@ -1,4 +1,4 @@
-"""Walls of a mesh that a lattice moves: what follows them, and which of their nodes are copies of others.
+"""Walls of a mesh moved by a lattice: what follows them, and which of their nodes are copies of others.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -27,13 +27,13 @@ from .periodic_sides import PeriodicSides
 __all__ = ["FADE", "copies_of_walls", "faces_of_walls", "following_walls", "images_of_walls"]
 
 FADE = 4.0, 0.02
-"""As that of meshes that ride along in a fitted grid: lattices miss less of the walls, so that less reach serves.
-Smallest volumes of pyHyp's M6 are those of 8 and 0.03 to three digits; with 2 and 0.01 they are 7 to 12 % less."""
+"""Like the fade of meshes embedded in a fitted grid, but shorter, since lattices match the walls better. Smallest
+volumes of pyHyp's M6 agree with 8 and 0.03 to three digits; with 2 and 0.01 they are 7 to 12 % smaller."""
 
 
 REACH = 10.0, 0.03
-"""From how far beyond a periodic side walls may be followed, in widths of their faces, but at least this part of their
-size: more than what fades around them and their layers reach."""
+"""Distance beyond a periodic side from which walls may be followed, in widths of their faces, but at least this
+fraction of their size: more than the reach of fading and wall layers."""
 
 
 def faces_of_walls(mesh: MixedMesh, kinds: Mapping[str, str]) -> np.ndarray:
@@ -53,20 +53,20 @@ def faces_of_walls(mesh: MixedMesh, kinds: Mapping[str, str]) -> np.ndarray:
 def following_walls(
     mesh: MixedMesh,
     faces: WallFaces,  # its walls
-    planes: Sequence[tuple[np.ndarray, np.ndarray]],  # nodes of the planes that it ends in, and unit normals of these
+    planes: Sequence[tuple[np.ndarray, np.ndarray]],  # nodes of its end planes, and the planes' unit normals
     at_rest: np.ndarray,  # int, nodes that stay
-    # int, ascending: the nodes that this is of, those of walls among them; all by default
+    # int, ascending: the nodes considered, including wall nodes; all by default
     nodes: np.ndarray | None = None,
     images: WallImages | None = None,  # walls beyond periodic sides
 ) -> RidingWalls:
-    """Find what follows walls, whatever the lattice is like."""
+    """Find what follows walls, independent of the lattice."""
     walls = RidingWalls.of(mesh, faces, list(planes), at_rest, np.zeros_like(mesh.points), FADE, nodes, images)
     resting = at_rest if nodes is None else np.flatnonzero(np.isin(nodes, at_rest))
     return replace(walls, fading=_without_rows(walls.fading, resting))
 
 
 def _without_rows(matrix: csr_array, rows: np.ndarray) -> csr_array:
-    """Matrix with no entries in some rows."""
+    """Matrix without entries in some rows."""
     kept = np.ones(matrix.shape[0])
     kept[rows] = 0.0
     matrix = csr_array(diags_array(kept) @ matrix)
@@ -75,7 +75,7 @@ def _without_rows(matrix: csr_array, rows: np.ndarray) -> csr_array:
 
 
 def images_of_walls(mesh: MixedMesh, walls: WallFaces, sides: Sequence[PeriodicSides]) -> WallImages | None:
-    """Walls beyond periodic sides, as far as nodes within may follow them; None where there are none."""
+    """Walls beyond periodic sides, as far as nodes inside may follow them; None if there are none."""
     corners = mesh.points[walls.faces]
     reach = np.maximum(
         REACH[0] * np.sqrt(np.linalg.norm(area_vectors(corners), axis=1)),
@@ -91,7 +91,7 @@ def copies_of_walls(
     lattice: BackgroundLattice,
     periodic: Sequence[PeriodicSides],
 ) -> np.ndarray:
-    """Places among the nodes of walls of the first of all that are copies of each other, and of each other one."""
+    """Positions among wall nodes: for each set of copies, pairs of the first and each other node."""
     copies = _copies_in_layer(mesh, wall_rows, lattice)
     if not periodic:
         return copies
@@ -101,7 +101,7 @@ def copies_of_walls(
 
 
 def _copies_in_layer(mesh: MixedMesh, wall_rows: np.ndarray, lattice: BackgroundLattice) -> np.ndarray:
-    """Places among the nodes of walls of those of the file, and of their copies in the other plane of a section."""
+    """Positions among wall nodes of nodes in the file, and of their copies in the other plane of a section."""
     axis = next((axis for axis, line in enumerate(lattice.lines) if line.is_tied), None)
     if axis is None:
         return np.zeros((0, 2), dtype=int)

@@ -1,4 +1,4 @@
-"""Nodes that are copies of others on periodic sides: what moves them alike, turned where sides repeat by a rotation.
+"""Copies of nodes on periodic sides: how they move equally, rotated if the period is a rotation.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -19,16 +19,16 @@ __all__ = ["TiedNodes", "copies_among"]
 
 @dataclass(frozen=True, eq=False)
 class TiedNodes(OneLine):
-    """Nodes that have copies, or are their own, and what makes them move alike."""
+    """Nodes that have copies, or are their own, and the averaging that makes them move equally."""
 
     rows: np.ndarray  # int (n,), the nodes, ascending
-    means: csr_array  # (n, n), gives each the mean of itself and its copies: symmetric
-    directions: Directions | None = None  # directions in which their vectors are alike; those of space by default
+    means: csr_array  # (n, n), mean of each node and its copies: symmetric
+    directions: Directions | None = None  # directions in which their vectors are equal; Cartesian by default
 
     @classmethod
     def of(
         cls,
-        pairs: np.ndarray,  # int (m, 2), nodes and copies of them: themselves on an axis
+        pairs: np.ndarray,  # int (m, 2), nodes and their copies: themselves on an axis
         points: np.ndarray,  # (n_points, 3), all nodes (m)
         frame: LatticeFrame,
     ) -> TiedNodes:
@@ -49,7 +49,7 @@ class TiedNodes(OneLine):
         return cls(rows, means, directions)
 
     def alike(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors of all nodes, shape (n_points, 3), in place: those of copies are their mean. Symmetric."""
+        """Average vectors of all nodes, shape (n_points, 3), over copies, in place. Symmetric."""
         taken = vectors[self.rows]
         if self.directions is None:
             vectors[self.rows] = self.means @ taken
@@ -59,7 +59,7 @@ class TiedNodes(OneLine):
 
 
 def copies_among(pairs: np.ndarray, n: int) -> np.ndarray:
-    """Pairs of the first of all that are copies of each other, among n, and each other one, from pairs (m, 2)."""
+    """For each set of copies among n, pairs of the first and each other, from pairs (m, 2)."""
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     _, label = connected_components(graph, directed=False)
     _, first = np.unique(label, return_index=True)

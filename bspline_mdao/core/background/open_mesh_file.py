@@ -1,6 +1,6 @@
-"""The file that the model of a mesh was made of: moved nodes are written into a copy of it.
+"""The mesh file of a model: moved nodes are written into a copy of it.
 
-All else in it is kept, and so is its format.
+Its other contents and its format are preserved.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ __all__ = ["open_mesh_file"]
 
 
 def open_mesh_file(model: MeshModel, output: str | os.PathLike | None = None) -> MeshFile:
-    r"""Read the file that the model of a mesh was made of.
+    r"""Read the mesh file from which a model was made.
 
     Parameters
     ----------
     model : MeshModel
-        The model, by `fit_mesh` or loaded.
+        The model, from `fit_mesh` or loaded.
     output : path-like, optional
-        Where moved nodes are to be written: a name of the same format.
+        Where moved nodes will be written: a name of the same format.
 
     Returns
     -------
     MeshFile
-        With ``write(path, points)``, which writes the file with other nodes.
+        File whose ``write(path, points)`` writes it with other nodes.
 
     Raises
     ------
     InputError
-        If the file is not there any more, or has other nodes than the model, or ``output`` promises another format.
+        If the file no longer exists, or has different nodes than the model, or ``output`` implies another format.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Periodic sides of a mesh, copies of each other by a shift or a rotation: the lattice repeats itself along that.
+"""Periodic sides of a mesh, copies of each other by a shift or a rotation, along which the lattice is periodic.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -24,24 +24,24 @@ from .wedge_planes import between_planes
 __all__ = ["PeriodicSides", "along_axes", "find_periodic_sides", "sides_of"]
 
 SHIFTED = 1e-6
-"""Part of the size of a mesh by which copies of nodes may be off: digits of single precision."""
+"""Fraction of the size of a mesh by which copies of nodes may be off: single precision."""
 
 UPRIGHT = 1e-6
-"""Sine of the angle that a shift may have with a direction of the lattice."""
+"""Largest sine of the angle between a shift and a direction of the lattice."""
 
 
 @dataclass(frozen=True, eq=False)
 class PeriodicSides(OneLine):
-    """Two sides of a mesh, one the copy of the other."""
+    """Two sides of a mesh, one a copy of the other."""
 
     markers: tuple[str, str]
     pairs: np.ndarray  # int (n, 2), nodes of the first side and their copies
     motion: Motion  # from the first to the second
     axis: int = -1  # direction of the lattice along it
-    period: float = 0.0  # length by which the lattice repeats itself in that direction (m)
+    period: float = 0.0  # period of the lattice in that direction (m)
 
     def gap(self, points: np.ndarray) -> float:
-        """How far nodes of the mesh, shape (n, 3), are from where the motion takes their copies, at most (m)."""
+        """Largest distance (m) between nodes of the mesh, shape (n, 3), and images of their copies by the motion."""
         return float(
             np.linalg.norm(self.motion.move(points[self.pairs[:, 0]]) - points[self.pairs[:, 1]], axis=1).max()
         )
@@ -52,7 +52,7 @@ def sides_of(
     kinds: Mapping[str, str],
     wall_rows: np.ndarray,  # int, nodes of walls
 ) -> tuple[LatticeFrame, tuple[EndPlane, ...], tuple[PeriodicSides, ...]]:
-    """Coordinates of the lattice of a mesh, the planes that it ends in, and its periodic sides that can be tied."""
+    """Coordinates of a mesh's lattice, its end planes, and its periodic sides that can be tied."""
     sides = find_periodic_sides(mesh, kinds)
     for each in sides:
         if not each.motion.is_translation:
@@ -72,7 +72,7 @@ def sides_of(
 
 
 def find_periodic_sides(mesh: MixedMesh, kinds: Mapping[str, str]) -> tuple[PeriodicSides, ...]:
-    """Find pairs of periodic markers whose nodes are those of the other but for a shift or a rotation."""
+    """Find pairs of periodic markers whose nodes coincide after a shift or a rotation."""
     found = []
     markers = {n: faces for n, faces in (mesh.markers or {}).items() if kinds.get(n) == PERIODIC and len(faces)}
     sides = {name: np.unique(faces) for name, faces in markers.items()}
@@ -90,7 +90,7 @@ def find_periodic_sides(mesh: MixedMesh, kinds: Mapping[str, str]) -> tuple[Peri
 
 
 def along_axes(sides: Sequence[PeriodicSides], axes: np.ndarray) -> tuple[PeriodicSides, ...]:
-    """Those sides whose shift is along a direction of the lattice, rows of axes, and is the period of it."""
+    """Sides whose shift is along a direction of the lattice, rows of ``axes``, and is its period."""
     found: list[PeriodicSides] = []
     for each in sides:
         period = float(np.linalg.norm(each.motion.shift))
@@ -104,7 +104,7 @@ def along_axes(sides: Sequence[PeriodicSides], axes: np.ndarray) -> tuple[Period
 
 
 def _shifted(mesh: MixedMesh, side: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, Motion] | None:
-    """Pairs of nodes of the faces of two markers that are copies by a shift, and the shift."""
+    """Pairs of face nodes of two markers that are copies by a shift, and the shift."""
     size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
     rows, others = np.unique(side), np.unique(other)
     shift = mesh.points[others].mean(axis=0) - mesh.points[rows].mean(axis=0)
@@ -130,11 +130,11 @@ def _around(
     turned: PeriodicSides,
     sides: Sequence[PeriodicSides],
 ) -> tuple[LatticeFrame, tuple[EndPlane, ...], tuple[PeriodicSides, ...]] | None:
-    """The same in cylindrical coordinates about the axis of some sides; None where these cannot be tied."""
+    """The same in cylindrical coordinates about the axis of some sides; None if these cannot be tied."""
     size, axis = float(np.linalg.norm(np.ptp(mesh.points, axis=0))), np.array(turned.motion.axis)
     planes = find_end_planes(mesh, kinds, wall_rows, {name for each in sides for name in each.markers})
     is_across = [abs(plane.normal @ axis) >= 1.0 - FLAT for plane in planes]
-    if any(is_across):  # to the last bit: what slides in a plane stays in it
+    if any(is_across):  # exact to the last bit, so sliding nodes stay in their plane
         normal = planes[is_across.index(True)].normal
         axis = normal if normal @ axis > 0.0 else -normal
     first, second = mesh.points[turned.pairs.T]
@@ -160,7 +160,7 @@ def _around(
 
 
 def _angle_through(mesh: MixedMesh, sides: PeriodicSides, motion: Motion) -> float:
-    """Angle of a rotation from the first side to the second (rad), the way through the mesh: it may be the longer."""
+    """Angle of rotation from the first side to the second through the mesh (rad), possibly the longer way."""
     faces = (mesh.markers or {})[sides.markers[0]]
     rows = np.unique(faces)
     ahead = np.cross(motion.axis, mesh.points[rows] - motion.point)
@@ -170,12 +170,12 @@ def _angle_through(mesh: MixedMesh, sides: PeriodicSides, motion: Motion) -> flo
 
 
 def _is_needed(plane: EndPlane, kinds: Mapping[str, str]) -> bool:
-    """Whether nodes have to stay in a plane: others that walls end on may rest as well."""
+    """Whether nodes must stay in a plane: nodes of other planes at which walls end may also be fixed."""
     return not plane.markers or any(kinds.get(name) == SYMMETRY for name in plane.markers)
 
 
 def _tied(sides: PeriodicSides, frame: CylindricalFrame, points: np.ndarray, size: float) -> PeriodicSides | None:
-    """Sides that repeat by a period of a cylindrical lattice; None of others."""
+    """Sides related by a period of a cylindrical lattice; None for others."""
     first, second = (frame.to_local(points[rows]) for rows in sides.pairs.T)
     if sides.motion.is_translation:
         return next(iter(along_axes([sides], frame.axes[:1])), None)
@@ -188,7 +188,7 @@ def _tied(sides: PeriodicSides, frame: CylindricalFrame, points: np.ndarray, siz
     if min(gaps) > CLOSE * size:
         return None
     found = tied[int(np.argmin(gaps))]
-    # where sides go around the whole circle, some steps are wrong by a turn, which has to be a number of periods
+    # if sides go around the whole circle, some steps are off by a full turn, which must be a multiple of the period
     is_cut = (np.abs(steps - found.motion.angle) > np.pi).any()
     turns = 2.0 * np.pi / abs(found.motion.angle)
     return None if is_cut and abs(turns - round(turns)) > SHIFTED else found

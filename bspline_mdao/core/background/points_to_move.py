@@ -1,4 +1,4 @@
-"""Nodes of walls and control points of the lattice, and what each of them may do.
+"""Wall nodes and control points of the lattice, with the constraints of each.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -24,18 +24,18 @@ def points_to_move(
     mesh: MixedMesh,
     walls: WallFaces,
     wall_rows: np.ndarray,  # int (n_walls,), nodes of the walls, ascending
-    control_points: np.ndarray,  # (n_points, 3), these and the points of the lattice (m)
+    control_points: np.ndarray,  # (n_points, 3), wall nodes and points of the lattice (m)
     lattice: BackgroundLattice,
-    planes: Sequence[EndPlane],  # planes that the mesh ends in
+    planes: Sequence[EndPlane],  # end planes of the mesh
     periodic: Sequence[PeriodicSides],  # sides that are copies of each other
     ids: tuple[np.ndarray, ...],  # numbers of the points of the lattice among all, in its shape
-    names: tuple[str, ...],  # what messages call it
+    names: tuple[str, ...],  # its name in messages
 ) -> MovingMesh:
-    """Walls are the surface; points of the lattice stay in the planes of the mesh, and rest at its other ends."""
+    """Walls are the surface; points of the lattice stay in the planes of the mesh, and are fixed at its other ends."""
     n = len(wall_rows)
     is_free = np.ones((*lattice.shape, 3), dtype=bool)
     closed = {(plane.axis, plane.end) for plane in planes}
-    at_walls = lattice.sides_at(mesh.points[wall_rows])  # held there, points would oppose the walls
+    at_walls = lattice.sides_at(mesh.points[wall_rows])  # fixed points there would oppose the walls
     for axis in range(3):
         for end in (0, -1):
             side = np.moveaxis(is_free, axis, 0)[end]
@@ -74,7 +74,7 @@ def points_to_move(
 
 
 def _places(mesh: MixedMesh, walls: WallFaces, wall_rows: np.ndarray) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Nodes of each wall, for messages: its name, their places among the nodes of walls, and their numbers."""
+    """Nodes of each wall, for messages: its name, their positions among wall nodes, and their numbers."""
     for number, name in enumerate(walls.names):
         rows = np.unique(walls.faces[walls.marker == number])
         yield name, np.searchsorted(wall_rows, rows), rows % mesh.n_stored + 1

@@ -1,8 +1,8 @@
-"""A lattice refined for moves that are known: until it misses the walls by less than what is above them can carry.
+"""A lattice refined for known moves, until its distance from the walls is small enough for the cells above them.
 
-What a lattice misses of the walls fades over a reach around them, which strains cells by the one over the other. Where
-that is more than they carry, spans are halved. Which spans these are is found once, from moves that are known, so that
-designs move by one lattice, and the mesh stays a smooth function of them.
+The distance between lattice and walls fades over a reach around them, which strains cells by the ratio of the two.
+Where that is more than they can absorb, spans are halved. These spans are found once, from known moves, so all designs
+share one lattice, and the mesh stays a smooth function of them.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -22,24 +22,24 @@ from .thin_plate import ThinPlate
 __all__ = ["narrower", "refined_settings", "strain_at_walls"]
 
 CARRIED = 0.02
-"""What a lattice may miss of a wall, by the distance over which that fades. Smallest volumes at a bump of a twentieth
-of a channel's length, twice as high as it was, are 0.69 where nothing is refined, 0.72 with 0.05, and 0.82 with
-this."""
+"""Allowed distance between lattice and wall, relative to the distance over which it fades. Smallest volumes at a bump
+of a twentieth of a channel's length, raised to twice its height, are 0.69 without refinement, 0.72 with 0.05, and 0.82
+with this value."""
 
 ROUNDS = 5
-"""How often spans are halved, at most."""
+"""Maximum number of halvings."""
 
 WORTH = 0.9
-"""What halving has to leave of the largest strain: where walls are met no better, stiffness keeps the lattice off."""
+"""Ratio of largest strains below which halving is worthwhile: otherwise stiffness keeps the lattice off the walls."""
 
 
 def refined_settings(
-    mover_of: Callable[[LatticeSettings], ThinPlate],  # what moves the lattice of some settings behind all walls
-    settings: LatticeSettings,  # those of the lattice to refine
-    changes: Sequence[np.ndarray],  # displacements of the nodes of walls, shape (n_walls, 3), that it is to follow (m)
-    reach: float,  # distance over which fades what it misses (m)
+    mover_of: Callable[[LatticeSettings], ThinPlate],  # mover of the lattice with given settings, with all walls
+    settings: LatticeSettings,  # settings of the lattice to refine
+    changes: Sequence[np.ndarray],  # displacements of wall nodes, shape (n_walls, 3), to follow (m)
+    reach: float,  # distance over which the error fades (m)
 ) -> LatticeSettings:
-    """Halve spans until a lattice follows walls well enough, and no further than that helps or memory allows."""
+    """Halve spans until a lattice follows walls well enough, as long as that helps and memory allows."""
     mover = mover_of(settings)
     strains = strain_at_walls(mover, changes, reach)
     for _ in range(ROUNDS):
@@ -58,7 +58,7 @@ def refined_settings(
 
 
 def strain_at_walls(mover: ThinPlate, changes: Sequence[np.ndarray], reach: float) -> np.ndarray:
-    """What a lattice misses of each node of walls, at most, by the distance over which that fades, shape (n_walls,)."""
+    """Largest error of the lattice at each wall node, relative to its fading distance, shape (n_walls,)."""
     found = np.zeros(mover.n_walls)
     for change in changes:
         missed = mover.missed(change)
@@ -67,8 +67,8 @@ def strain_at_walls(mover: ThinPlate, changes: Sequence[np.ndarray], reach: floa
 
 
 def narrower(lattice: BackgroundLattice, points: np.ndarray) -> tuple[tuple[int, float, float, float], ...]:
-    """Halve the spans that points of walls, shape (n, 3), are in, see `LatticeSettings.refined`."""
-    # In all directions: what is short along a wall has to fade over as short a way across it.
+    """Halve the spans that contain wall points, shape (n, 3), see `LatticeSettings.refined`."""
+    # In all directions: short features along a wall must fade over a short distance across it.
     found = []
     for axis, (line, places) in enumerate(zip(lattice.lines, lattice.frame.to_local(points).T)):
         if not line.is_tied:

@@ -1,7 +1,7 @@
-"""Markers of a mesh whose nodes slide on surfaces that are not planes: casings, tunnels, outer faces.
+"""Markers of a mesh whose nodes slide on curved surfaces: casings, tunnels, outer faces.
 
-Nodes of such a marker are asked to be at the closest point of their surface to where the lattice takes them, or, where
-they are nodes of walls as well, to where these are asked to be. What follows walls follows them, too.
+Nodes of such a marker move to the point of their surface closest to their position in the lattice, or, for nodes that
+are also on walls, to their prescribed position. What follows walls follows them, too.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -30,7 +30,7 @@ __all__ = ["SlidingWalls", "markers_that_slide", "nodes_that_slide", "with_slidi
 
 
 def markers_that_slide(mesh: MixedMesh, kinds: Mapping[str, str]) -> dict[str, Slide]:
-    """Surfaces of the markers that are to slide, by their names; `InputError` where nodes are on none."""
+    """Surfaces of the sliding markers by name; `InputError` if nodes are on none."""
     found = {}
     for name, faces in (mesh.markers or {}).items():
         if kinds.get(name) != SLIDING or not len(faces):
@@ -49,10 +49,10 @@ def markers_that_slide(mesh: MixedMesh, kinds: Mapping[str, str]) -> dict[str, S
 def nodes_that_slide(
     mesh: MixedMesh,
     slides: Mapping[str, Slide],  # by names of markers
-    planes: Sequence[EndPlane],  # planes that the mesh ends in
+    planes: Sequence[EndPlane],  # end planes of the mesh
     at_rest: np.ndarray,  # int, nodes that stay
 ) -> SlidingNodes | None:
-    """Nodes of these markers, but for those that stay, on their surfaces and in planes; None where there are none."""
+    """Nodes of these markers, except fixed ones, on their surfaces and in planes; None if there are none."""
     markers = mesh.markers or {}
     members = [np.setdiff1d(markers[name], at_rest) for name in slides]
     if not any(map(len, members)):
@@ -64,35 +64,35 @@ def nodes_that_slide(
 
 
 def with_sliding(mesh: MixedMesh, walls: WallFaces, slides: Mapping[str, Slide]) -> WallFaces:
-    """Faces of walls, and those of markers that slide behind them."""
+    """Faces of walls, followed by faces of sliding markers."""
     markers = mesh.markers or {}
     return walls.followed_by({name: mesh.into_fluid(markers[name]) for name in slides})
 
 
 @dataclass(frozen=True, eq=False)
 class SlidingWalls(OneLine):
-    """Where nodes that slide are asked to be, by nodes of walls and control points of the lattice."""
+    """Positions of sliding nodes, from wall nodes and control points of the lattice."""
 
-    nodes: SlidingNodes  # those that slide, by their rows among the nodes of the map
+    nodes: SlidingNodes  # sliding nodes, by their rows among the nodes of the map
     at_rest: np.ndarray  # (n, 3), where they are on the baseline (m)
-    evaluator: Evaluator | TurnedEvaluator  # A of those that are none of walls
-    is_wall: np.ndarray  # bool (n,), whether they are nodes of walls
-    of_wall: np.ndarray  # int, which of the nodes of walls these are
-    walls_at: np.ndarray  # int (n_walls,), places of the nodes of walls among all that are asked for
-    slides_at: np.ndarray  # int (n,), places of those that slide
-    n_asked: int  # number of all that are asked for
+    evaluator: Evaluator | TurnedEvaluator  # A of the ones not on walls
+    is_wall: np.ndarray  # bool (n,), whether they are on walls
+    of_wall: np.ndarray  # int, their positions among wall nodes
+    walls_at: np.ndarray  # int (n_walls,), positions of wall nodes among all prescribed nodes
+    slides_at: np.ndarray  # int (n,), positions of sliding nodes
+    n_asked: int  # number of prescribed nodes
 
     @classmethod
     def of(
         cls,
-        nodes: SlidingNodes,  # those that slide
+        nodes: SlidingNodes,  # sliding nodes
         wall_rows: np.ndarray,  # int, nodes of walls, ascending
-        asked_rows: np.ndarray,  # int, nodes that are asked for, ascending: both of these, or more that stay
+        asked_rows: np.ndarray,  # int, prescribed nodes, ascending: both of these, and possibly fixed ones
         points: np.ndarray,  # (n_points, 3), nodes on the baseline (m)
         lattice: BackgroundLattice,
         planes: Sequence[tuple[np.ndarray, int, int]],  # nodes of planes, the axis across each, and its end
     ) -> SlidingWalls:
-        """Sort the nodes that slide."""
+        """Sort the sliding nodes."""
         rows = nodes.rows
         is_wall = np.isin(rows, wall_rows)
         free = rows[~is_wall]
@@ -109,8 +109,8 @@ class SlidingWalls(OneLine):
         )
 
     def at(self, walls: np.ndarray, change: np.ndarray, asked: np.ndarray) -> tuple[np.ndarray, SlidNodes]:
-        """All that are asked for, (n_asked, 3), of nodes of walls and changes of control points of the lattice (m)."""
-        # ``asked``, (n_asked, 3), are the places on the baseline, of those that neither are walls nor slide
+        """All prescribed nodes (m), (n_asked, 3), from wall nodes and changes of control points of the lattice."""
+        # ``asked``, (n_asked, 3), are the baseline positions, used for nodes that are neither on walls nor slide
         points = self.at_rest.copy()
         points[~self.is_wall] += self.evaluator.forward(change)
         points[self.is_wall] = walls[self.of_wall]
@@ -120,7 +120,7 @@ class SlidingWalls(OneLine):
         return found, closest
 
     def jvp(self, closest: SlidNodes, walls: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Change of all that are asked for with those of nodes of walls and control points."""
+        """Change of all prescribed nodes from changes of wall nodes and control points."""
         moved = np.zeros_like(self.at_rest)
         moved[~self.is_wall] = self.evaluator.forward(change)
         moved[self.is_wall] = walls[self.of_wall]
@@ -130,7 +130,7 @@ class SlidingWalls(OneLine):
         return found
 
     def vjp(self, closest: SlidNodes, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Transpose of `jvp`: for the nodes of walls and for the control points."""
+        """Transpose of `jvp`, for wall nodes and control points."""
         others = bar.copy()
         others[self.slides_at] = 0.0
         walls, moved = others[self.walls_at], closest.vjp(bar[self.slides_at])

@@ -1,4 +1,4 @@
-"""Gaps between walls that a lattice does not resolve: walls that move against each other there may invert cells.
+"""Gaps between walls not resolved by a lattice: walls that move relative to each other there may invert cells.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -20,9 +20,9 @@ __all__ = ["ThinGap", "thin_gaps"]
 class ThinGap(OneLine):
     """A gap that is thinner than the spans of the lattice in it."""
 
-    rows: tuple[int, int]  # a node of each of the two bodies, among those of all walls
-    width: float  # of the gap (m)
-    span: float  # of the lattice across it (m)
+    rows: tuple[int, int]  # a node of each of the two bodies, among all wall nodes
+    width: float  # width of the gap (m)
+    span: float  # span of the lattice across it (m)
 
 
 def thin_gaps(
@@ -30,7 +30,7 @@ def thin_gaps(
     walls: np.ndarray,  # (n_wall, 3), nodes of walls (m)
     faces: np.ndarray,  # int (n_faces, 4), their faces
 ) -> tuple[ThinGap, ...]:
-    """Find pairs of bodies whose gap is thinner somewhere than the lattice's spans across it: where it is worst."""
+    """Find pairs of bodies whose gap is somewhere thinner than the lattice's spans across it, with the worst place."""
     local, found = lattice.frame.to_local(walls), []
     bodies = bodies_of(local, faces)
     for gap in gaps_between(local, bodies, [widest_span(lattice, body.low, body.high) for body in bodies]):
@@ -47,10 +47,10 @@ def thin_gaps(
 
 
 def widest_span(lattice: BackgroundLattice, low: np.ndarray, high: np.ndarray) -> float:
-    """Width of the widest span that a box reaches (m)."""
+    """Width of the widest span reached by a box (m)."""
     widest = 0.0
     for line, *ends in zip(lattice.lines, low, high):
         if not line.is_tied:
-            first, last = (0, 0) if line.is_periodic else line.spans(np.array(ends))  # those of a period are even
+            first, last = (0, 0) if line.is_periodic else line.spans(np.array(ends))  # periodic spans are even
             widest = max(widest, float(np.diff(line.breaks)[first : last + 1].max()))
     return widest

@@ -1,21 +1,21 @@
-"""Mover of a background lattice: the smoothest displacement that goes through the walls and turns with them.
+"""Mover of a background lattice: the smoothest displacement that matches the walls and rotates with them.
 
-The displacement d of the lattice makes least
+The displacement d of the lattice minimises
 
     E(d, R) = 1/2 sum_c d_c^T K d_c + 1/2 M |grad d - (R - I)|^2 + 1/2 sum_w s_w |A_w d - (w' - w)|^2 ,
 
     K = c sum_{a + b + c = 2} 2 / (a! b! c!) G_a (x) G_b (x) G_c ,
 
-with the bending energy K of a thin plate [1], made of the integrals of `.lattice_line`, how far its gradient is from a
-rotation R (`.turned_gradients`), and the nodes w of the walls. R = exp([v]x) is that of the walls, as vectors v: their
-field makes E(v, I) least, with the vectors of the walls in place of w' - w. Those are averaged over spans first: where
-walls have kinks, such as beside a part that moves by itself, they jump from node to node, and a field through all would
-turn several times as far between them. So both have the matrix of the baseline:
-one factor for all designs, both ways, and each displacement takes two solutions with it.
+with the bending energy K of a thin plate [1], composed of the integrals of `.lattice_line`, the deviation of its
+gradient from a rotation R (`.turned_gradients`), and the wall nodes w. R = exp([v]x) is the rotation of the walls as a
+field of vectors v, which minimises E(v, I) with the walls' rotation vectors instead of w' - w. These are averaged over
+spans first: at kinks of the walls, such as next to a part that moves separately, they jump from node to node, and a
+field through all of them would rotate several times as far in between. So both fields have the baseline's matrix: one
+factor for all designs, forward and reverse, and two solutions with it for each displacement.
 
-Nodes that stay, such as those of a far field, are among the walls, with no displacement. All nodes in one element of
-the lattice share the weight ``stiffness``: neither the number of nodes nor any length matters. Control points on the
-outside stay, those on planes slide and turn about their normals, and those on sides that walls reach are free.
+Fixed nodes, such as nodes of a far field, count as walls with zero displacement. All nodes in one element of the
+lattice share the weight ``stiffness``: neither the number of nodes nor any length matters. Control points on the
+outside are fixed, points on planes slide and rotate about their normals, and points on sides reached by walls are free.
 
 [1] J. Duchon, "Splines minimizing rotation-invariant semi-norms in Sobolev spaces", in Constructive Theory of Functions
 of Several Variables, Lecture Notes in Mathematics 571, Springer, 1977, pp. 85-100.
@@ -56,11 +56,11 @@ __all__ = ["ThinPlate", "ThinPlateMovement"]
 EPSILON = float(np.finfo(float).eps)
 
 BENDING = 0.2
-"""Weight c of the bending energy beside that of the gradients. With 0.1 a flap that goes down loses more of its cells,
-with 1 wings that are bent by 60 degrees have inverted ones."""
+"""Weight c of the bending energy relative to the gradients. With 0.1 cells at a deflected flap lose more volume; with 1
+wings bent by 60 degrees have inverted cells."""
 
 System = tuple[np.ndarray, np.ndarray, ScalarBlocksFactor]
-"""Unknowns that are free, the components for which it is these, and the factor of their matrix."""
+"""Free unknowns, the components to which they apply, and the factor of their matrix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +70,13 @@ class ThinPlate(OneLine):
     Parameters
     ----------
     mesh : MovingMesh
-        Nodes of the walls, which are its surface or a part of it, and after them the control points of the lattice.
+        Wall nodes, all or part of which are its surface, followed by the control points of the lattice.
     lattice : BackgroundLattice
         The lattice.
     at_rest : ndarray, shape (n, 3)
-        Other nodes of the mesh that are to stay (m).
+        Other, fixed nodes of the mesh (m).
     settings : LatticeSettings
-        Of them, the ``stiffness``.
+        Settings, of which ``stiffness`` is used.
 
     Examples
     --------
@@ -97,11 +97,11 @@ class ThinPlate(OneLine):
 
     @property
     def n_walls(self) -> int:
-        """Number of nodes of walls; those that are not of the surface stay."""
+        """Number of wall nodes; nodes outside the surface stay."""
         return self.mesh.n_points - self.lattice.n_control
 
     def move(self, initial: np.ndarray, surface: np.ndarray) -> ThinPlateMovement:
-        """Move points, shape (n_points, 3), behind surface points, shape (n_surface, 3), both in metres."""
+        """Move points, shape (n_points, 3), with surface points, shape (n_surface, 3), both in metres."""
         start = working_seconds()
         check_request(self.mesh, initial, surface)
         points, ids = initial.copy(), self.mesh.surface_ids
@@ -118,7 +118,7 @@ class ThinPlate(OneLine):
         return ThinPlateMovement(followed, points, report)
 
     def follow(self, at_rest: np.ndarray, surface: np.ndarray) -> LatticeDisplacement:
-        """Follow surface points to where they go, both of shape (n_surface, 3)."""
+        """Follow surface points from rest to new positions, both of shape (n_surface, 3)."""
         vectors = SurfaceVectors.of(self._surface, at_rest, surface)
         of_walls = self.wall_pull(self.averaged(self.axial(vectors.values)))
         at_places = self.turned.at_places(self.solved(of_walls, self.rotating))
@@ -126,13 +126,13 @@ class ThinPlate(OneLine):
         return LatticeDisplacement(self, vectors, at_places, self.in_space(self.solved(right, self.sliding)))
 
     def missed(self, of_surface: np.ndarray) -> np.ndarray:
-        """What the lattice alone misses of displacements of the surface, shape (n_surface, 3)."""
+        """Error of the lattice alone in displacements of the surface, shape (n_surface, 3)."""
         at_rest = self.wall_points[self.mesh.surface_ids]
         displacement = self.follow(at_rest, at_rest + of_surface).displacement
         return self.lattice.evaluator(at_rest).forward(displacement) - of_surface
 
     def wall_pull(self, of_surface: np.ndarray) -> np.ndarray:
-        """Pull of vectors of the surface, shape (n_surface, 3), on the unknowns; other walls stay."""
+        """Load of surface vectors, shape (n_surface, 3), on the unknowns; other walls stay."""
         of_walls = np.zeros((self.n_walls, 3))
         of_walls[self.mesh.surface_ids] = of_surface
         return self._walls.T @ (self._weights[:, None] * of_walls)
@@ -142,7 +142,7 @@ class ThinPlate(OneLine):
         return (self._weights[:, None] * (self._walls @ bar))[self.mesh.surface_ids]
 
     def averaged(self, of_surface: np.ndarray) -> np.ndarray:
-        """Average vectors of the surface, shape (n_surface, 3), over what spans of the lattice can follow."""
+        """Average surface vectors, shape (n_surface, 3), over lengths that spans of the lattice can follow."""
         on_surface, means = self._means
         return on_surface @ (means @ of_surface)
 
@@ -152,14 +152,14 @@ class ThinPlate(OneLine):
         return means.T @ (on_surface.T @ bar)
 
     def solved(self, right: np.ndarray, systems: tuple[System, ...]) -> np.ndarray:
-        """Unknowns that balance pulls, both of shape (n_unknowns, 3), zero where they are not free: symmetric."""
+        """Unknowns that balance loads, both of shape (n_unknowns, 3), zero if not free: symmetric."""
         found = np.zeros_like(right)
         for ids, components, factor in systems:
             found[np.ix_(ids, components)] = factor.solve(right[np.ix_(ids, components)])
         return found
 
     def in_space(self, unknowns: np.ndarray) -> np.ndarray:
-        """Displacements of the control points in space, of the unknowns in the directions of the lattice."""
+        """Cartesian displacements of the control points, from the unknowns in the directions of the lattice."""
         return self.lattice.control_directions.space(self._unknowns @ unknowns)
 
     def in_space_vjp(self, bar: np.ndarray) -> np.ndarray:
@@ -168,7 +168,7 @@ class ThinPlate(OneLine):
 
     @cached_property
     def turned(self) -> TurnedGradients:
-        """Gradients of the lattice where its rotations are known."""
+        """Gradients of the lattice at the places where its rotations are known."""
         return TurnedGradients(self.lattice)
 
     @cached_property
@@ -186,12 +186,12 @@ class ThinPlate(OneLine):
 
     @cached_property
     def _surface(self) -> LocalRotations:
-        """What the rotation of each surface point is made of."""
+        """Local rotations at the surface points."""
         return surface_rotations(self.mesh)
 
     @cached_property
     def _unknowns(self) -> csr_array:
-        """Control points from unknowns, shape (n_control, n_unknowns): those that are tied have the same."""
+        """Control points from unknowns, shape (n_control, n_unknowns): tied points share an unknown."""
         matrix = csr_array(np.ones((1, 1)))
         for line in self.lattice.lines:
             matrix = kron(matrix, line.ties, format="csr")
@@ -199,12 +199,12 @@ class ThinPlate(OneLine):
 
     @cached_property
     def _walls(self) -> csr_array:
-        """Displacements of the nodes of walls from the unknowns, shape (n_walls, n_unknowns)."""
+        """Displacements of wall nodes from the unknowns, shape (n_walls, n_unknowns)."""
         return csr_array(self.lattice.basis(self.wall_points).matrix() @ self._unknowns)
 
     @cached_property
     def _means(self) -> tuple[csr_array, csr_array]:
-        """Values on the surface of the lattice's basis, and the mean over the surface that each of it has."""
+        """Values of the lattice's basis functions on the surface, and each function's mean over the surface."""
         ids = self.mesh.surface_ids
         on_surface = csr_array(self._walls[ids])
         weighted = csr_array(on_surface.T @ diags_array(self._weights[ids]))
@@ -213,12 +213,12 @@ class ThinPlate(OneLine):
 
     @property
     def wall_points(self) -> np.ndarray:
-        """Nodes of walls on the baseline (m), shape (n_walls, 3)."""
+        """Wall nodes on the baseline (m), shape (n_walls, 3)."""
         return self.mesh.points[: self.n_walls]
 
     @cached_property
     def _all_weights(self) -> np.ndarray:
-        """Weights of the nodes of walls, and of those at rest."""
+        """Weights of wall nodes and of fixed nodes."""
         points = np.concatenate([self.wall_points, self.at_rest])
         element = self.lattice.elements(points)
         return self.settings.stiffness * self.lattice.refinement(points) / np.bincount(element)[element]
@@ -229,17 +229,17 @@ class ThinPlate(OneLine):
 
     @cached_property
     def sliding(self) -> tuple[System, ...]:
-        """Systems of displacements."""
+        """Systems for displacements."""
         return self._systems_of(self.mesh.is_free[self.n_walls :])
 
     @cached_property
     def rotating(self) -> tuple[System, ...]:
-        """Systems of rotation vectors: a point turns about an axis where it is free in both directions across it."""
+        """Systems for rotation vectors: a point rotates about an axis if it is free in both directions across it."""
         is_free = self.mesh.is_free[self.n_walls :]
         return self._systems_of(is_free[:, [1, 2, 0]] & is_free[:, [2, 0, 1]])
 
     def _systems_of(self, is_free: np.ndarray) -> tuple[System, ...]:
-        """Systems of components that are free, shape (n_control, 3): those of the same unknowns are one."""
+        """Systems for free components, shape (n_control, 3): components with the same unknowns share one."""
         groups: dict[bytes, tuple[np.ndarray, list[int]]] = {}
         for component in range(3):
             free = self._unknowns.T @ is_free[:, component].astype(float) > 0.0
@@ -254,7 +254,7 @@ class ThinPlate(OneLine):
 
     @cached_property
     def _factors(self) -> dict[bytes, ScalarBlocksFactor]:
-        """Factors by what is free: rotations and displacements share them but where planes meet."""
+        """Factors by free unknowns: rotations and displacements share them except where planes meet."""
         return {}
 
     @cached_property
@@ -269,21 +269,21 @@ class ThinPlate(OneLine):
 
     @cached_property
     def _digits(self) -> float:
-        """Correct digits of a displacement, by what elimination cancels."""
+        """Number of correct digits of a displacement, estimated from cancellation in the elimination."""
         return digits_of(EPSILON * max(factor.factor.cancellation for _, _, factor in self.sliding + self.rotating))
 
 
 @dataclass(frozen=True, eq=False)
 class LatticeDisplacement(OneLine):
-    """Displacement of a lattice behind its surface, and the derivative."""
+    """Displacement of a lattice that follows its surface, and the derivative."""
 
     mover: ThinPlate
     vectors: SurfaceVectors  # rotations of the surface points
-    at_places: np.ndarray  # (n_places, 3), rotation vectors where the lattice is told how to turn
+    at_places: np.ndarray  # (n_places, 3), rotation vectors at the places where they are prescribed
     displacement: np.ndarray  # (n_control, 3), of the control points of the lattice (m)
 
     def jvp(self, d_at_rest: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
-        """Change of the displacement with the surface points at rest and where they go, both (n_surface, 3)."""
+        """Change of the displacement from changes of the surface points at rest and moved, both (n_surface, 3)."""
         mover = self.mover
         d_vectors = self.vectors.jvp(d_at_rest, d_surface)
         d_of_walls = mover.wall_pull(mover.averaged(mover.axial(d_vectors)))
@@ -313,7 +313,7 @@ class ThinPlateMovement(OneLine):
     report: MovementReport
 
     def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
-        """Change of the points with those of the initial points and of the surface points."""
+        """Change of the points from changes of the initial points and of the surface points."""
         mover, change = self.followed.mover, d_initial.copy()
         ids = mover.mesh.surface_ids
         change[mover.n_walls :] += self.followed.jvp(d_initial[ids], d_surface)

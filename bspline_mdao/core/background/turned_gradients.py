@@ -1,16 +1,17 @@
-"""Energy of a background lattice that does not turn as it is told to: how far its gradient is from a rotation.
+"""Energy of a background lattice's deviation from prescribed rotations: of its gradient from a rotation.
 
     E(d) = h0^2 / 2 sum over spans of q integral of |grad d - (R - I)|^2 ,    q = prod over directions of t h0 / h^2 ,
 
-with the widths h of spans as they are where nothing asks for narrower ones, h0 the smallest of them in each direction,
-or the geometric mean of these, and t the square of the width by h. So it has the unit of a squared displacement, and
-does not depend on the size of anything. R is known at two Gauss points in each direction of each span, which is exact
-where it is the same everywhere: a rigid motion costs nothing.
+with the widths h that spans have unless narrower ones are requested, h0 the smallest of them in each direction, or the
+geometric mean of these, and t the square of the width divided by h. So it has the unit of a squared displacement, and
+is independent of size. R is known at two Gauss points in each direction of each span, which is exact if it is constant:
+a rigid motion has zero energy.
 
-In cylindrical coordinates slopes around are by the length of the arc, r0 / r times those by its coordinate; that the
-directions turn is left out, which a period makes small: what does not depend on the angle costs nothing for it.
+In cylindrical coordinates circumferential slopes are taken by arc length, r0 / r times the slopes by the coordinate.
+The rotation of the directions is neglected, which a period makes small: anything independent of the angle adds nothing
+to it.
 
-All is a product of matrices of one direction each, which are applied one after the other.
+Everything is a product of one-directional matrices, applied one after the other.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -32,12 +33,12 @@ from .lattice_line import LatticeLine
 __all__ = ["TurnedGradients"]
 
 NEAR = 1.0
-"""Power of h0 / h: the stiffer narrow spans are beside wide ones, the more of a turn is left to these. With 0, a wing
-of an H-H grid that is bent by 60 degrees keeps a third of the smallest Q that it has with 1."""
+"""Power of h0 / h: the stiffer narrow spans are relative to wide ones, the more of a rotation is taken by the wide
+ones. With 0, a wing of an H-H grid bent by 60 degrees keeps a third of the smallest Q that it has with 1."""
 
 IN_GAPS = 2.0
-"""Power t of the width where a gap asks for less: bodies that move apart are better off with bending alone. With 0,
-cells next to a flap that leaves its wing are inverted; with 1 as well."""
+"""Power t of the width where a gap requests narrower spans: bodies that move apart are better served by bending alone.
+With 0, cells next to a flap that leaves its wing are inverted; with 1 as well."""
 
 N_PLACES = 2
 """Gauss points in each direction of each span."""
@@ -45,7 +46,7 @@ N_PLACES = 2
 
 @dataclass(frozen=True, eq=False)
 class TurnedGradients(OneLine):
-    """Gradients of a lattice at the places where its rotations are known, and their energy."""
+    """Gradients of a lattice at the places with known rotations, and their energy."""
 
     lattice: BackgroundLattice
 
@@ -68,7 +69,7 @@ class TurnedGradients(OneLine):
         return self._applied([value.T for value, _, _ in self._tables], bar)
 
     def pull(self, turns: np.ndarray) -> np.ndarray:
-        """Pull of R - I at the places, shape (n_places, 3, 3), on the unknowns, shape (n_unknowns, 3)."""
+        """Load of R - I at the places, shape (n_places, 3, 3), on the unknowns, shape (n_unknowns, 3)."""
         total = np.zeros((int(np.prod([value.shape[1] for value, _, _ in self._tables])), 3))
         for axis in self._directions:
             total += self._applied([matrix.T for matrix in self._weighted(axis)], turns[:, :, axis])
@@ -83,7 +84,7 @@ class TurnedGradients(OneLine):
 
     @property
     def _directions(self) -> list[int]:
-        """Directions in which it may change."""
+        """Directions in which the field may change."""
         return [axis for axis, line in enumerate(self.lattice.lines) if not line.is_tied]
 
     @cached_property
@@ -100,7 +101,7 @@ class TurnedGradients(OneLine):
 
     @cached_property
     def _tables(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Of each direction: values and slopes of unknowns at the places, and weights of these."""
+        """For each direction: values and slopes of unknowns at the places, and weights of the places."""
         found = []
         for line in self.lattice.lines:
             values, lengths = line.at_gauss_points(0, N_PLACES)
@@ -121,7 +122,7 @@ class TurnedGradients(OneLine):
 
     @property
     def _squared_steepness(self) -> Callable[[np.ndarray], np.ndarray] | None:
-        """Factors of squared slopes in the third direction by the second coordinate (m); none where all are one."""
+        """Factors of squared slopes in the third direction by the second coordinate (m); None if all are one."""
         frame = self.lattice.frame
         return None if frame.is_cartesian else lambda radii: frame.steepness(radii) ** 2
 
@@ -129,6 +130,6 @@ class TurnedGradients(OneLine):
     def _applied(matrices: Sequence[np.ndarray], field: np.ndarray) -> np.ndarray:
         """Apply a matrix of each direction to fields at a net, shape (n, m)."""
         net = field.reshape(*(matrix.shape[1] for matrix in matrices), -1)
-        for matrix in matrices:  # the first direction comes last, so that after all three they are in order
+        for matrix in matrices:  # the first direction comes last, so all three end up in order
             net = np.tensordot(net, matrix, axes=(0, 1))
         return np.ascontiguousarray(np.moveaxis(net, 0, -1)).reshape(-1, field.shape[1])

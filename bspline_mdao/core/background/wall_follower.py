@@ -1,6 +1,6 @@
-"""Nodes of walls that are given: they are the surface control points of a mesh without structure themselves.
+"""Given wall nodes, which are themselves the surface control points of an unstructured mesh.
 
-`bspline_mdao.core.fit.surface_fit.SurfaceFollower` is what grids of blocks have in its place.
+For block-structured grids `bspline_mdao.core.fit.surface_fit.SurfaceFollower` takes its place.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = ["GivenWalls", "WallFollower"]
 
 @dataclass(frozen=True, eq=False)
 class WallFollower(OneLine):
-    """Surface control points from given nodes: the mean of those that are given more than once."""
+    """Surface control points from given nodes, averaged over nodes given more than once."""
 
     means: csr_array  # (n_surface, n), from the given nodes
     baseline: np.ndarray  # (n, 3), the given nodes on the baseline (m)
@@ -28,10 +28,10 @@ class WallFollower(OneLine):
     def of(
         cls,
         mesh: MovingMesh,
-        ids: np.ndarray,  # int (n,), number of the point of the mesh that each given node is; -1 of others
+        ids: np.ndarray,  # int (n,), mesh point number of each given node; -1 for others
         baseline: np.ndarray,  # (n, 3), the given nodes on the baseline (m)
     ) -> WallFollower:
-        """Sort given nodes; `InputError` if one of the surface is not among them."""
+        """Sort given nodes; `InputError` if a surface node is not among them."""
         rows = np.where(ids >= 0, mesh.surface_rows[ids], -1)
         at = np.flatnonzero(rows >= 0)
         counts = np.bincount(rows[at], minlength=len(mesh.surface_ids))
@@ -49,7 +49,7 @@ class WallFollower(OneLine):
         return GivenWalls(self, self.means @ nodes)
 
     def miss(self, nodes: np.ndarray, target: np.ndarray) -> None:
-        """Nothing: control points are where nodes are asked to be."""
+        """None: control points are at the prescribed positions of nodes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class GivenWalls(OneLine):
     control_points: np.ndarray  # (n_surface, 3), the surface control points (m)
 
     def jvp(self, change: np.ndarray) -> np.ndarray:
-        """Change of the control points, shape (n_surface, 3), with that of the nodes, shape (n, 3)."""
+        """Change of the control points, shape (n_surface, 3), from a change of the nodes, shape (n, 3)."""
         return self.of.means @ change
 
     def vjp(self, bar: np.ndarray) -> np.ndarray:

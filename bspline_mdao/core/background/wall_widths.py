@@ -1,12 +1,12 @@
-"""How wide the spans of a lattice may be, by the walls of the baseline: by the size of each body, and by gaps between.
+"""Allowed widths of lattice spans, from the baseline walls: from the size of each body, and the gaps between bodies.
 
-In each direction x a width is asked for in intervals [a, b], and may grow with the distance from these,
+In each direction x a width is prescribed in intervals [a, b], and may grow with the distance from these,
 
     h(x) = min over i of h_i + log(growth) dist(x, [a_i, b_i]) ,
 
-so that neighbouring spans, which end where the integral of 1 / h is a whole number, differ by the growth at most. A
-body asks for a part of its longest side. Where two bodies are |v| from each other, the gap asks for |v|^2 / |v_d| by
-the number of spans across it, in direction d: they may be wide along the gap.
+so neighbouring spans, which end where the integral of 1 / h is an integer, differ at most by the growth ratio. A body
+needs a fraction of its longest side. Where two bodies are |v| apart, the gap needs |v|^2 / |v_d| divided by the number
+of spans across it, in direction d: spans may be wide along the gap.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -27,26 +27,26 @@ from .lattice_line import even_breaks
 __all__ = ["Gap", "WallBody", "asked_in_gap", "bodies_of", "gaps_between", "graded_breaks"]
 
 IN_GAP = 2.0
-"""Spans across a gap. With 4, smallest volumes of sections of two and three elements, 1 % of a chord from each other,
-differ by 0.05 at most, and with 1 a flap that leaves its slot shrinks a cell to 0.28 in place of 0.55."""
+"""Number of spans across a gap. With 4, smallest volumes of sections of two and three elements, 1 % of a chord apart,
+change by at most 0.05, and with 1 a flap that leaves its slot shrinks a cell to 0.28 instead of 0.55."""
 
 THINNEST = 0.01
-"""Width of spans in a gap, at least, by the longest side of the smaller of its bodies: bodies may touch."""
+"""Smallest width of spans in a gap, relative to the longest side of its smaller body: bodies may touch."""
 
 SAMPLES = 8
-"""Places in an interval's narrowest width at which widths are compared."""
+"""Number of places per narrowest width of an interval at which widths are compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class WallBody(OneLine):
-    """Nodes of walls that hang together."""
+    """A connected set of wall nodes."""
 
-    rows: np.ndarray  # int, its nodes among those of all walls, ascending
+    rows: np.ndarray  # int, its nodes among all wall nodes, ascending
     low: np.ndarray  # (3,), the corners of its box (m)
     high: np.ndarray
 
     def size(self, sides: Sequence[int]) -> float:
-        """Length of the longest of some sides of its box (m)."""
+        """Longest of some sides of its box (m)."""
         return float((self.high - self.low)[list(sides)].max())
 
 
@@ -55,17 +55,17 @@ class Gap(OneLine):
     """Where two bodies are close to each other."""
 
     bodies: tuple[int, int]  # their numbers
-    rows: np.ndarray  # int (n, 2), nodes of the first, and the nearest of the second, among those of all walls
-    starts: np.ndarray  # (n, 3), those of the first (m)
+    rows: np.ndarray  # int (n, 2), nodes of the first, and the nearest of the second, among all wall nodes
+    starts: np.ndarray  # (n, 3), nodes of the first (m)
     vectors: np.ndarray  # (n, 3), from these to the nearest of the second (m)
 
 
 Interval = tuple[float, float, float]
-"""Ends of an interval in one direction, and the width of spans there, at most (m)."""
+"""Ends of an interval in one direction, and the largest width of spans there (m)."""
 
 
 def bodies_of(points: np.ndarray, faces: np.ndarray) -> tuple[WallBody, ...]:
-    """Tell bodies apart, largest first: of the nodes of walls, shape (n, 3), those that faces, shape (m, 4), join."""
+    """Separate bodies, largest first: wall nodes, shape (n, 3), connected by faces, shape (m, 4)."""
     ends = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 3]].ravel()
     graph = coo_array((np.ones(len(ends[0]), dtype=np.int8), ends), shape=(len(points), len(points)))
     n, label = connected_components(graph, directed=False)
@@ -76,7 +76,7 @@ def bodies_of(points: np.ndarray, faces: np.ndarray) -> tuple[WallBody, ...]:
 
 
 def gaps_between(points: np.ndarray, bodies: Sequence[WallBody], reach: Sequence[float]) -> tuple[Gap, ...]:
-    """Find where bodies are within reach (m) of larger ones, but do not touch them."""
+    """Find where bodies are within reach (m) of larger ones without touching them."""
     lows, highs = np.array([body.low for body in bodies]), np.array([body.high for body in bodies])
     near, trees, gaps = np.array(reach), {}, []
     for second, body in enumerate(bodies):
@@ -96,7 +96,7 @@ def gaps_between(points: np.ndarray, bodies: Sequence[WallBody], reach: Sequence
 
 
 def asked_in_gap(gap: Gap, axis: int, thinnest: float) -> list[Interval]:
-    """Widths that a gap asks for in one direction, at least the thinnest (m): the narrowest of each part of it."""
+    """Widths needed by a gap in one direction, at least ``thinnest`` (m): the narrowest of each part of it."""
     along = np.abs(gap.vectors[:, axis])
     is_across = along > 0.0
     start, along = gap.starts[is_across, axis], along[is_across]
@@ -112,12 +112,12 @@ def asked_in_gap(gap: Gap, axis: int, thinnest: float) -> list[Interval]:
 
 
 def graded_breaks(even: tuple[float, float], asked: Sequence[Interval], growth: float) -> np.ndarray:
-    """Ends of spans between two places: those of one width alone are even."""
+    """Ends of spans between two places; they are even if there is only one width."""
     if len({width for _, _, width in asked}) == 1 and asked[0][:2] == even:
         return even_breaks(*even, asked[0][2])
     slope, places = np.log(growth), [np.linspace(even[0], even[1], 2)]
     for low, high, width in asked:
-        # from the interval outward in steps that grow as widths do, so that all changes are seen
+        # from the interval outward in steps that grow like the widths, so that no change is missed
         n = int(np.ceil(np.log1p(slope * (even[1] - even[0]) / width) / slope * SAMPLES)) + 1
         steps = width / slope * np.expm1(slope * np.arange(n) / SAMPLES)
         places += [low - steps, high + steps, np.array([low, high])]
@@ -132,7 +132,7 @@ def graded_breaks(even: tuple[float, float], asked: Sequence[Interval], growth: 
 
 
 def _widths_at(places: np.ndarray, asked: Sequence[Interval], slope: float) -> np.ndarray:
-    """Widths at places (m), which grow with the distance from the intervals by a slope."""
+    """Widths (m) at places, growing with the distance from the intervals by a slope."""
     found = np.full(len(places), np.inf)
     for low, high, width in asked:
         np.minimum(found, width + slope * np.maximum(np.maximum(low - places, places - high), 0.0), out=found)

@@ -1,4 +1,4 @@
-"""Two planes of symmetry at an angle, as of a wedge: a lattice around the line where they meet ends on both.
+"""Two symmetry planes at an angle, as in a wedge: a lattice around their line of intersection ends on both.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -22,11 +22,11 @@ __all__ = ["between_planes"]
 
 def between_planes(
     mesh: MixedMesh,
-    planes: Sequence[EndPlane],  # the planes that it ends in
+    planes: Sequence[EndPlane],  # its end planes
     kinds: Mapping[str, str],
     wall_rows: np.ndarray,  # int, nodes of walls
 ) -> tuple[CylindricalFrame, tuple[EndPlane, ...]] | None:
-    """Coordinates about the line where planes of symmetry meet, and all planes in these; None where none do so."""
+    """Coordinates about the line where symmetry planes meet, and all planes in these; None if none meet."""
     pair = next((pair for pair in combinations(planes, 2) if _is_wedge(*pair, kinds)), None)
     if pair is None:
         return None
@@ -45,14 +45,14 @@ def between_planes(
 
 
 def _is_wedge(first: EndPlane, second: EndPlane, kinds: Mapping[str, str]) -> bool:
-    """Whether two planes are of symmetry, at an angle that is no right one."""
+    """Whether two planes are symmetry planes at an angle other than a right angle."""
     names = (*first.markers, *second.markers)
     is_symmetry = bool(names) and all(kinds.get(name) == SYMMETRY for name in names)
     return is_symmetry and ALIGNED < abs(first.normal @ second.normal) < 1.0 - FLAT
 
 
 def _in_frame(plane: EndPlane, frame: CylindricalFrame, mesh: MixedMesh, size: float) -> EndPlane:
-    """The side of the lattice that a plane is: across the axis, or through it, where nodes on it do not count."""
+    """The lattice side of a plane: across the axis, or through it, ignoring nodes on the axis."""
     along = float(plane.normal @ frame.axes[0])
     if abs(along) >= 1.0 - FLAT:
         return replace(plane, axis=0, end=-1 if along > 0.0 else 0)
