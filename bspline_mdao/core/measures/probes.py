@@ -92,9 +92,10 @@ def opposite_probes(
 ) -> tuple[Probes, Probes]:
     """Find where lines through points enter and leave a body."""
     # Lines enter where they run against the normal into the fluid and leave where they run along it. Quads grazed by a
-    # line, within 1e-9 rad, are ignored. `InputError` if an array has the wrong shape, a direction has zero length, or
-    # a line does not cross the body returns entries, exits: ends of the part of each line within the body that contains
-    # its point, or else is nearest to it. A line through a seam of the grid gets the quad with the lowest number
+    # line, within 1e-9 rad, are ignored.
+    # `InputError` if an array has the wrong shape, a direction has zero length, or a line does not cross the body
+    # returns entries, exits: ends of the part of each line within the body that contains its point, or else is nearest
+    # to it. A line through a seam of the grid gets the quad with the lowest number
     points, directions = as_points(points, what), _as_directions(directions, len(points), what)
     found = find_crossings(surface, points, directions)
     entries, exits = body_intervals(found, FLAT * surface.size)
