@@ -1,8 +1,8 @@
 """B-spline meshes as integrated geometry parametrization and grid movement for OpenMDAO.
 
-What most scripts begin with is here, the rest in namespaces such as `bspline_mdao.design`. The names are those of
-``__init__.pyi``, and of a stub beside each namespace; each is imported when it is first asked for, so that importing
-the package stays cheap and editors know all of them.
+The names that most scripts need are here, the rest in namespaces such as `bspline_mdao.design`. They are listed in
+``__init__.pyi`` and in a stub next to each namespace. Each is imported on first use, so importing the package stays
+cheap, and editors know all names.
 """
 
 import lazy_loader

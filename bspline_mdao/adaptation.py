@@ -1,4 +1,4 @@
-"""Grids made better: where errors are estimated to come from, and where cells are worst."""
+"""Better grids: where errors are estimated to come from, and where cells are worst."""
 
 import lazy_loader
 

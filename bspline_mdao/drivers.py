@@ -1,4 +1,4 @@
-"""What belongs to optimisations besides their drivers: combinations of responses, records, and runs to compare."""
+"""Tools for optimisations besides their drivers: combined responses, records, and comparisons of runs."""
 
 import lazy_loader
 

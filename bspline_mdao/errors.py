@@ -1,4 +1,4 @@
-"""Exceptions and warnings: unusable input, movements and solvers that fail, what to look at in fits and flows."""
+"""Exceptions and warnings: unusable input, failed movements and solvers, doubtful fits and flows."""
 
 __all__ = [
     "DerivativeModeWarning",
@@ -31,7 +31,7 @@ class InputError(ValueError):
 
 
 class MovementError(ArithmeticError):
-    """A move that is not possible: a request that no mesh can follow, or a system without a solution.
+    """A move that is not possible: no mesh can follow the request, or a system has no solution.
 
     The message is one line that says where (increment, block, index) and what to do. Components raise it as
     ``om.AnalysisError``, so that a driver takes a smaller step.
@@ -54,8 +54,8 @@ class MovementError(ArithmeticError):
 class SolverError(RuntimeError):
     """An external flow solver without a solution: it is missing, diverged, was killed or took too long.
 
-    The first line of the message says which program, where, why and what to do; the last lines of its log follow.
-    Components raise it as ``om.AnalysisError``, so that a driver takes a smaller step.
+    The first line of the message says which program failed, where, why and what to do. The last lines of the log
+    follow. Components raise it as ``om.AnalysisError``, so that a driver takes a smaller step.
 
     Examples
     --------
@@ -71,8 +71,8 @@ class SolverError(RuntimeError):
 class FitWarning(UserWarning):
     """A usable fit whose control mesh has invalid elements, on which movers may fail.
 
-    `fit_grid` gives one such warning per fit, at the line that called it. The message is one line that says how many
-    elements there are, where the worst is and what to do; the report of the model has it as well.
+    `fit_grid` gives one such warning per fit, at the line that called it. The message is one line that gives the number
+    of elements, the location of the worst and what to do. The report of the model contains it as well.
 
     Examples
     --------
@@ -87,10 +87,10 @@ class FitWarning(UserWarning):
 
 
 class SpuriousDragWarning(UserWarning):
-    """A drag in an objective or a constraint of which more than a tenth is an error of the grid.
+    """A drag in an objective or a constraint of which more than a tenth is a discretization error.
 
-    `EulerFlow` gives one such warning for each problem, when it first runs. The message is one line that says how the
-    drag is made up and what to do.
+    `EulerFlow` gives one such warning per problem, when it first runs. The message is one line that gives the parts of
+    the drag and what to do.
 
     Examples
     --------
@@ -103,40 +103,40 @@ class SpuriousDragWarning(UserWarning):
 class DerivativeModeWarning(UserWarning):
     """Gradients take at least twice as many linear solves of the flow as in the other mode.
 
-    `EulerFlow` gives one such warning for each problem, with its first gradient. The message is one line that says how
-    many they are in both modes, and which mode to set up.
+    `EulerFlow` gives one such warning per problem, with its first gradient. The message is one line that gives the
+    number of solves in both modes, and which mode to set up.
 
     Examples
     --------
     >>> from bspline_mdao import DerivativeModeWarning
     >>> import warnings
-    >>> warnings.simplefilter("error", DerivativeModeWarning)  # a script that does not go on in the slow mode
+    >>> warnings.simplefilter("error", DerivativeModeWarning)  # stop a script that runs in the slow mode
     """
 
 
 class MachNumberWarning(UserWarning):
-    """A Mach number outside the range that was compared with exact solutions, other codes or measurements.
+    """A Mach number outside the range validated against exact solutions, other codes or measurements.
 
-    `EulerFlow` and the vortex lattice give one such warning for each problem, when they first run at such a number. The
-    message is one line that says which numbers were.
+    `EulerFlow` and the vortex lattice give one such warning per problem, when they first run at such a number. The
+    message is one line that gives the validated range.
 
     Examples
     --------
     >>> from bspline_mdao import MachNumberWarning
     >>> import warnings
-    >>> warnings.simplefilter("ignore", MachNumberWarning)  # of who has compared it
+    >>> warnings.simplefilter("ignore", MachNumberWarning)  # once you have checked it
     """
 
 
 class ReferenceWarning(UserWarning):
-    """Doubtful references of a flow: axes, a reference area, or forces that differ from the solver's.
+    """Doubtful reference values of a flow: axes, a reference area, or forces that differ from the solver's.
 
     `OpenFoamFlow` gives one such warning for each doubt, after its first solution. The message is one line with the
-    numbers. Nothing is refused, since all of it may be meant so.
+    numbers. Nothing is refused, since all of it may be intended.
 
     Examples
     --------
     >>> from bspline_mdao.flow import ReferenceWarning
     >>> import warnings
-    >>> warnings.simplefilter("ignore", ReferenceWarning)  # of who has compared them
+    >>> warnings.simplefilter("ignore", ReferenceWarning)  # once you have checked them
     """

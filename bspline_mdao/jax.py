@@ -2,7 +2,7 @@
 
 import lazy_loader
 
-# the loader keeps what it has loaded in the package that it is given: at the top `measures` is a namespace
+# the loader stores what it loads in the package it is given: at the top level `measures` is a namespace
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     "bspline_mdao.core.bridges",
     submod_attrs={"jax_evaluation": ["device_grid"], "jax_functions": ["grid", "measures", "quality"]},

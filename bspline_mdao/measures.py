@@ -1,4 +1,4 @@
-"""Measures of the surface, which geometry is constrained by."""
+"""Measures of the surface for geometric constraints."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Meshes without structure: what their markers are, and what moves them, alone or along with a fitted grid."""
+"""Unstructured meshes: the kinds of their markers, and the movers for them, with or without a fitted grid."""
 
 import lazy_loader
 

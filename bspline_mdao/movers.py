@@ -1,4 +1,4 @@
-"""What moves the inner points of a mesh behind its surface, and the linear systems that this takes."""
+"""Movers of the inner points of a mesh behind its surface, and the linear systems that they solve."""
 
 import lazy_loader
 

@@ -1,7 +1,6 @@
 """Names of all variables that cross a component boundary.
 
-Each but the last is a flat vector of length ``3 n``, x, y and z interleaved, in metres, as in MPhys, ADflow and
-DAFoam.
+Each but the last is a flat vector of length ``3 n`` in metres, x, y and z interleaved, as in MPhys, ADflow and DAFoam.
 """
 
 GRID_INITIAL = "grid_initial"

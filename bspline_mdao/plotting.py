@@ -1,7 +1,7 @@
 """Pictures: grids, control meshes, wings and optimisations.
 
 They need matplotlib, and PyVista for rendered ones: ``pip install bspline_mdao[pictures]``. Both are imported when
-something is drawn, so that importing this module is cheap.
+something is drawn, so importing this module is cheap.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Many designs of one problem: plans of them, and a file of their grids, quality and outputs."""
+"""Many designs of one problem: sampling plans, and one file with their grids, quality and outputs."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The command line of scripts, and sizes of their problems."""
+"""The command line of run scripts, and the sizes of their problems."""
 
 import lazy_loader
 

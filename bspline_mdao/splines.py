@@ -1,4 +1,4 @@
-"""What lies below `fit_grid`: fits of blocks and surfaces, knots, points in volumes, members of a grid family."""
+"""The layer below `fit_grid`: fits of blocks and surfaces, knots, points in volumes, members of a grid family."""
 
 import lazy_loader
 

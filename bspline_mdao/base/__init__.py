@@ -1,1 +1,1 @@
-"""What everything stands on: numbers, sparse systems, texts and optional packages; no geometry."""
+"""Foundations of all layers: numbers, sparse systems, texts and optional packages; no geometry."""

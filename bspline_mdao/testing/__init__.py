@@ -1,9 +1,9 @@
-"""Checks of derivatives: for those who write their own variables, kernels and components.
+"""Derivative checks for those who write their own variables, kernels and components.
 
-Each takes what is to be checked from its caller, a function or an OpenMDAO problem, and none passes where there is
-nothing to compare: empty vectors, derivatives that are all zero and functions that do not change are errors. The order
-in which they are used is that of the chain of trust: complex step of the function, against it forward products, against
-them reverse products (`dot_test`), then partials of the component and totals of the problem.
+The caller passes what is to be checked, a function or an OpenMDAO problem. No check passes if there is nothing to
+compare: empty vectors, derivatives that are all zero and functions that do not change are errors. Use them in this
+order: the complex step of the function, forward products against it, reverse products against those (`dot_test`), then
+partials of the component and totals of the problem.
 """
 
 import lazy_loader

@@ -78,17 +78,17 @@ def complex_step(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, di
     function : callable
         Takes a complex array of the shape of ``x``. It must keep its imaginary part: no ``abs``, no ``float``.
     x, direction : ndarray
-        The place and the direction, of one shape.
+        The point and the direction, of the same shape.
 
     Returns
     -------
     ndarray
-        The derivative, in the shape of what the function returns.
+        The derivative, in the shape of the function's value.
 
     Raises
     ------
     InputError
-        If ``x`` is empty, or the function returns nothing, or numbers that are not complex.
+        If ``x`` is empty, or the function returns nothing or numbers that are not complex.
 
     Notes
     -----
@@ -101,7 +101,7 @@ def complex_step(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, di
     >>> complex_step(lambda x: x**2, np.array([1.0, 3.0]), np.array([1.0, 1.0]))
     array([2., 6.])
     """
-    step = 1e-30  # there is no difference to cancel, so that the error, of order step^2, may vanish altogether
+    step = 1e-30  # nothing is subtracted, so there is no cancellation, and the error of order step^2 may vanish
     x, direction = np.asarray(x, dtype=float), np.asarray(direction, dtype=float)
     value = np.asarray(function(x + 1j * step * direction))
     if x.size == 0 or value.size == 0:
@@ -119,28 +119,28 @@ def dot_test(
     n_directions: int = 3,
     seed: int = 0,
 ) -> float:
-    """Compare products with a matrix and with its transpose: ``y @ (J x)`` is ``(J^T y) @ x``.
+    """Compare products with a matrix and with its transpose: ``y @ (J x)`` equals ``(J^T y) @ x``.
 
     Parameters
     ----------
     forward, reverse : callable
-        Products ``J x`` and ``J^T y``, the arguments of shapes ``shape_in`` and ``shape_out``.
+        Products ``J x`` and ``J^T y``, of arguments of shapes ``shape_in`` and ``shape_out``.
     shape_in, shape_out : int or tuple of int
         Shapes of ``x`` and ``y``.
     n_directions : int
         Random pairs ``x``, ``y``.
     seed : int
-        Seed of these.
+        Seed of the random pairs.
 
     Returns
     -------
     float
-        Largest difference of the two, relative to ``|y| |J x| + |J^T y| |x|``. Some 1e-15 is round-off.
+        Largest difference of the two, relative to ``|y| |J x| + |J^T y| |x|``. About 1e-15 is round-off.
 
     Raises
     ------
     InputError
-        If a vector is empty, a product has another shape than it should, or all products are zero.
+        If a vector is empty, a product has the wrong shape, or all products are zero.
 
     Examples
     --------
@@ -177,14 +177,14 @@ def taylor_rate(
     step: float = 1e-2,
     levels: int = 4,
 ) -> float:
-    """Find the order at which the remainder ``|f(x + h d) - f(x) - h f'|`` vanishes: 2 where the derivative is right.
+    """Find the order at which the remainder ``|f(x + h d) - f(x) - h f'|`` vanishes: 2 if the derivative is right.
 
     Parameters
     ----------
     function : callable
         The function.
     x, direction : ndarray
-        The place and the direction.
+        The point and the direction.
     derivative : ndarray
         The derivative along the direction, of the shape of the function's values.
     step : float
@@ -195,7 +195,7 @@ def taylor_rate(
     Returns
     -------
     float
-        Mean order over the steps: 2, or more where second derivatives vanish, infinite for a function that is linear to
+        Mean order over the steps: 2, or more if second derivatives vanish, infinite for a function that is linear to
         round-off; 1 for a wrong derivative.
 
     Raises
@@ -220,7 +220,7 @@ def taylor_rate(
     round_off = 100.0 * np.finfo(float).eps * max(np.linalg.norm(start), np.linalg.norm(changes[0]))
     if remainders[0] <= round_off:
         return np.inf
-    is_seen = remainders > round_off  # below it the remainder is that of the arithmetic
+    is_seen = remainders > round_off  # below it the remainder is round-off
     return float(np.polyfit(np.log(steps[is_seen]), np.log(remainders[is_seen]), 1)[0]) if is_seen.sum() > 1 else np.inf
 
 

@@ -1,4 +1,4 @@
-"""Partial and total derivatives of OpenMDAO problems, which are handed in: the framework is not loaded here."""
+"""Checks of partial and total derivatives of problems that the caller passes: OpenMDAO is not loaded here."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ __all__ = ["TotalsCheck", "assert_partials", "check_totals", "perturb_design", "
 
 
 class TotalsCheck(NamedTuple):
-    """How well total derivatives agree with each other and with differences; printed, it is a table.
+    """How well total derivatives agree with each other and with differences. Printed, it is a table.
 
     Parameters
     ----------
     transposed : float
         Largest difference of forward and reverse products, relative to the product of the norms.
     differences : float
-        Largest difference of extrapolated central differences and forward products, relative to the largest of these.
+        Largest difference of extrapolated central differences and forward products, relative to the largest product.
     steps : ndarray, shape (levels,)
         Steps of the differences, in units of the driver.
     errors : ndarray, shape (levels,)
-        The same of the differences at each step alone: they fall by four as the step is halved, until round-off.
+        The same for the differences at each step: they fall by four as the step is halved, until round-off.
     """
 
     transposed: float
@@ -49,14 +49,14 @@ def check_totals(
     step: float = 1e-3,
     levels: int = 4,
 ) -> TotalsCheck:
-    """Compare the total derivatives at the present point with each other and with differences.
+    """Compare the total derivatives at the current point with each other and with differences.
 
     Parameters
     ----------
     problem : openmdao.api.Problem
-        A problem that has run.
+        A problem that has been run.
     of, wrt : sequence of str, optional
-        Outputs and inputs; objectives and constraints, and design variables, by default.
+        Outputs and inputs; by default the objectives and constraints, and the design variables.
     n_directions : int
         Random directions in the space of all inputs.
     step : float
@@ -122,20 +122,20 @@ def total_difference(
     Parameters
     ----------
     problem : openmdao.api.Problem
-        A problem that has run; it is run again where it was.
+        A problem that has been run; it is run again at the same point.
     of : sequence of str
         Outputs.
     direction : mapping of str to ndarray
-        The direction by name of the inputs.
+        The direction, by names of the inputs.
     step : float
-        Largest step, by which the direction is multiplied.
+        Largest step, which multiplies the direction.
     levels : int
         Number of steps, see `central_difference`.
 
     Returns
     -------
     dict of ndarray
-        Derivatives by name of the outputs, flat.
+        Derivatives by names of the outputs, flat.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def perturb_design(problem: om.Problem, size: float = 0.1, seed: int = 4) -> om.
     Parameters
     ----------
     problem : openmdao.api.Problem
-        A problem that has run.
+        A problem that has been run.
     size : float
         Largest change, in units of the driver.
     seed : int
@@ -179,7 +179,7 @@ def assert_partials(problem: om.Problem, **tolerances: float) -> None:
     Parameters
     ----------
     problem : openmdao.api.Problem
-        A problem that has run. How derivatives are compared is set by ``set_check_partial_options``.
+        A problem that has been run. ``set_check_partial_options`` sets how derivatives are compared.
     **tolerances
         ``atol`` and ``rtol`` of OpenMDAO's ``assert_check_partials``.
 
@@ -190,13 +190,13 @@ def assert_partials(problem: om.Problem, **tolerances: float) -> None:
     ValueError
         If derivatives differ.
     """
-    from openmdao.api import IndepVarComp  # here, so that kernels can be checked without the framework
+    from openmdao.api import IndepVarComp  # here, so kernels can be checked without the framework
     from openmdao.core.component import Component
     from openmdao.utils.assert_utils import assert_check_partials
 
     data = problem.check_partials(out_stream=None)
     components = problem.model.system_iter(recurse=True, typ=Component)
-    given = (part for part in components if part.get_io_metadata("output"))  # others judge, and have no derivatives
+    given = (part for part in components if part.get_io_metadata("output"))  # other components have no derivatives
     missing = {part.pathname for part in given if not isinstance(part, IndepVarComp)} ^ set(data)
     if missing or not data:
         raise InputError(f"not checked: {', '.join(sorted(missing)) or 'the problem has no component'}")
@@ -210,7 +210,7 @@ def assert_partials(problem: om.Problem, **tolerances: float) -> None:
 def _total_differences(
     problem: om.Problem, of: Sequence[str], direction: Mapping, step: float, levels: int
 ) -> list[dict[str, np.ndarray]]:
-    """Central differences at halved steps along a direction, by output; the problem is where it was afterwards."""
+    """Central differences at halved steps along a direction, by output; the problem is restored afterwards."""
     start = {name: problem.get_val(name).copy() for name in direction}
 
     def run(h: float) -> np.ndarray:
@@ -226,14 +226,14 @@ def _total_differences(
 
 
 def _chosen(problem: om.Problem, of: Sequence[str]) -> dict[str, Any]:
-    """Entries of outputs that the driver asks for: those of constraints with indices, all of others."""
+    """Entries of the outputs that the driver uses: the indices of constraints, all entries of others."""
     responses = {**problem.model.get_objectives(), **problem.model.get_constraints()}
     indices = {name: responses[name]["indices"] if name in responses else None for name in of}
     return {name: slice(None) if found is None else found.shaped_array() for name, found in indices.items()}
 
 
 def _untransposed(reverse: dict, forward: dict, direction: dict, chosen: dict) -> float:
-    """Largest difference of products with rows from reverse mode and forward products, relative to their size."""
+    """Largest difference of products with reverse-mode rows and forward products, relative to their size."""
     errors = []
     for name, product in forward.items():
         rows = {wrt: reverse[name, wrt] for wrt in direction}
@@ -248,7 +248,7 @@ def _relative_error(differences: list[np.ndarray], products: np.ndarray) -> floa
 
 
 def _direction(random: np.random.Generator, meta: dict | None, size: int) -> np.ndarray:
-    """Random values of those entries of an input that are designed, within a unit of the driver."""
+    """Random values for the design entries of an input, within one unit of the driver."""
     indices = None if meta is None else meta["indices"]
     direction, entries = np.zeros(size), slice(None) if indices is None else indices.shaped_array()
     direction[entries] = _unit(meta) * random.uniform(-1.0, 1.0, direction[entries].size)

@@ -1,4 +1,4 @@
-"""Derivatives of design variables, such as those that users write."""
+"""Derivative checks of design variables, such as users' own."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .derivatives import central_difference
 __all__ = ["VariableCheck", "check_variable"]
 
 STEPS = 10.0 ** -np.arange(1, 6)
-"""Steps of `check_variable`; the one that agrees best counts: long and short ones are wrong themselves."""
+"""Steps of `check_variable`; the best one counts, as differences are inaccurate at long and at short steps."""
 
 AWAY = 1e-2
-"""How far from the baseline `check_variable` looks: points by this part of the size of the mesh, values by this."""
+"""Perturbation of the baseline in `check_variable`: of points relative to the size of the mesh, of values absolute."""
 
 GOOD = 1e-7
-"""Largest relative difference that is put down to the differences."""
+"""Largest relative difference that is attributed to the differences."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class VariableCheck(OneLine):
     ----------
     points_error, values_error : float
         Largest deviation of the derivatives with respect to the points, and to the values, relative to the largest
-        derivative along the same direction. Some 1e-10 is round-off.
+        derivative along the same direction. About 1e-10 is round-off.
     points_place, values_place : str
         The point where it is largest.
     """
@@ -61,7 +61,7 @@ def check_variable(variable: Variable, mesh: MovingMesh, n_directions: int = 3, 
     n_directions : int
         Random directions, each for the points and for the values.
     seed : int
-        Of the directions, and of the points and values near those of the baseline where the derivatives are taken.
+        Seed of the directions and of the perturbed points and values at which the derivatives are compared.
 
     Returns
     -------
@@ -96,7 +96,7 @@ def check_variable(variable: Variable, mesh: MovingMesh, n_directions: int = 3, 
 
 
 def _compare(function: Callable, jacobian: csr_array, directions: np.ndarray) -> tuple[float, int]:
-    """Largest relative deviation of a Jacobian along directions, and the row of points where it is."""
+    """Largest relative deviation of a Jacobian along directions, and the row of points where it occurs."""
     worst, row = -1.0, 0
     for direction in directions:
         exact = (jacobian @ direction.ravel()).reshape(-1, 3)
