@@ -1,1 +1,1 @@
-"""What a user runs: commands, studies, pictures and reports."""
+"""What users run: commands, studies, pictures and reports."""

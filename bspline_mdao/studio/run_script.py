@@ -1,7 +1,6 @@
 """The command line of a script whose ``main`` states a problem: arguments in, numbers out.
 
-A function with a numpydoc docstring says everything that a command line has to know, so that a script ends with two
-lines::
+A function with a numpydoc docstring says all that a command line needs to know, so a script ends with two lines::
 
     if __name__ == "__main__":
         run(main)
@@ -30,20 +29,20 @@ __all__ = ["pick_size", "run", "write_numbers"]
 
 
 def run(main: Callable[..., dict], arguments: list[str] | None = None) -> dict:
-    """Run a script from the command line, print the numbers it returns, and write them to a file if ``--json`` asks so.
+    """Run a script from the command line, print the numbers it returns, and with ``--json`` write them to a file.
 
-    Every parameter of ``main`` that has a default is an option: of a flag, a number, a text, one of several texts
-    (``Literal``) or, where the default is a tuple, any number of them. Underscores are dashes, and the help is that of
-    the docstrings. Parameters whose default is a mapping are not options. Every script knows ``--paper``, ``--figures``
-    and ``--json``; the first two mean nothing to a ``main`` that does not take them. Of several processes all run the
-    script, and the first one prints and writes.
+    Every parameter of ``main`` that has a default is an option: a flag, a number, a text, one of several texts
+    (``Literal``) or, if the default is a tuple, any number of them. Underscores become dashes, and the help is taken
+    from the docstrings. Parameters whose default is a mapping are not options. Every script knows ``--paper``,
+    ``--figures`` and ``--json``; the first two have no effect on a ``main`` that does not take them. If there are
+    several processes, all run the script, and the first one prints and writes.
 
     Parameters
     ----------
     main : callable
         ``main(paper=..., figures=..., **options)``, which returns the numbers.
     arguments : list of str, optional
-        What stands behind the name of the script; that of the process by default.
+        The arguments after the name of the script; by default the arguments of the process.
 
     Returns
     -------
@@ -53,7 +52,7 @@ def run(main: Callable[..., dict], arguments: list[str] | None = None) -> dict:
     Raises
     ------
     SystemExit
-        With 2 after one line on standard error, if ``main`` raises `bspline_mdao.InputError`.
+        With status 2 after one line on standard error, if ``main`` raises `bspline_mdao.InputError`.
 
     Examples
     --------
@@ -81,7 +80,7 @@ def run(main: Callable[..., dict], arguments: list[str] | None = None) -> dict:
     file = values.pop("json")
     with (
         warnings.catch_warnings()
-    ):  # OpenMDAO counts variables and responses where scripts count linear solves of a flow
+    ):  # OpenMDAO counts variables and responses, but scripts count linear solves of a flow
         warnings.filterwarnings("ignore", "Inefficient choice of derivative mode")
         try:
             numbers = main(**{name: value for name, value in values.items() if name in options})
@@ -100,19 +99,19 @@ def pick_size(sizes: Mapping, paper: bool = False, quick: bool = False) -> Any:
     Parameters
     ----------
     sizes : mapping
-        What there is under ``"default"``, ``"paper"`` and, if it has such a variant, ``"quick"``.
+        The entries for ``"default"``, ``"paper"`` and, if there is such a variant, ``"quick"``.
     paper, quick : bool
-        Which of them, if not the default.
+        Which of them to pick instead of the default.
 
     Returns
     -------
     object
-        Its entry.
+        The entry.
 
     Raises
     ------
     InputError
-        If both are asked for, or there is no such size.
+        If both are given, or there is no such size.
 
     Examples
     --------
@@ -151,5 +150,5 @@ def _helps(main: Callable) -> dict[str, str]:
 
 
 def _plain(value: Any) -> Any:
-    """Turn what JSON does not know into what it does."""
+    """Convert what JSON does not know into what it does."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)

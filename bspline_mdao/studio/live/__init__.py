@@ -1,1 +1,1 @@
-"""A model that is deformed while one looks on: its state, and the page that shows it."""
+"""A model that is deformed interactively: its state, and the page that shows it."""

@@ -1,7 +1,7 @@
-"""What is drawn of a grid: its walls, its planes of symmetry and a layer of grid planes off the walls.
+"""The part of a grid that is drawn: its walls, its planes of symmetry and one layer of grid planes off the walls.
 
-Nodes and cells of what is drawn are known by their rows and numbers in the grid, so that a change of shape takes a few
-of either and no cut.
+Nodes and cells that are drawn are known by their rows and numbers in the grid, so a change of shape takes a few of
+them and no new cut.
 """
 
 from __future__ import annotations
@@ -25,26 +25,15 @@ DIRECTIONS = ("i", "j", "k")
 class Drawn(OneLine):
     """Nodes that are drawn, and the quads between them."""
 
-    rows: np.ndarray  # int (n,), row of each node in the grid, rising
+    rows: np.ndarray  # int (n,), row of each node in the grid, ascending
     quads: np.ndarray  # int (n_quads, 4), corners among the nodes
     cells: np.ndarray  # int (n_quads,), the cell of the grid at each quad, as `GridQuality` numbers them
     n_walls: int  # the first quads, which are walls
 
     @classmethod
     def of(cls, topology: Topology, symmetry: bool = False, direction: int | None = None, part: float = 0.5) -> Drawn:
-        """Take the walls, planes of symmetry if asked, and of all blocks at walls the plane at a part of a direction.
-
-        Parameters
-        ----------
-        topology : Topology
-            Topology of the grid.
-        symmetry : bool
-            Whether planes of symmetry are drawn.
-        direction : int, optional
-            Direction of the blocks, from 0, that is cut; none by default.
-        part : float
-            Where it is cut, from 0 to 1, by the index.
-        """
+        """Take the walls, planes of symmetry on request, and one grid plane of each block at walls."""
+        # direction: of the blocks, from 0, that is cut, none by default; part: index of the cut, from 0 to 1
         walls = [face.window for face in topology.boundary if face.kind == "wall"]
         others = [face.window for face in topology.boundary if face.kind == "symmetry"] if symmetry else []
         if direction is not None:
@@ -55,7 +44,7 @@ class Drawn(OneLine):
         return cls(rows, quads.reshape(-1, 4), np.concatenate(cells), n_walls)
 
     def of_nodes(self, rows: np.ndarray, values: np.ndarray, otherwise: float) -> np.ndarray:
-        """Values, given at some rows of the grid, at the nodes that are drawn; where none is given another one."""
+        """Values, given at some rows of the grid, at the nodes that are drawn; ``otherwise`` where none is given."""
         found = np.full(len(self.rows), otherwise)
         places = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
         is_drawn = self.rows[places] == rows
@@ -64,7 +53,7 @@ class Drawn(OneLine):
 
 
 def _plane(topology: Topology, block: int, direction: int, part: float) -> Window:
-    """Grid plane of a block at a part of one of its directions."""
+    """Grid plane of a block at a fraction of one of its directions."""
     shape = topology.shapes[block]
     low, high = [0, 0, 0], [n - 1 for n in shape]
     low[direction] = high[direction] = round(part * (shape[direction] - 1))

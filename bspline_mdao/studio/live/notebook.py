@@ -1,4 +1,4 @@
-"""The page of ``live`` in a notebook, served by its kernel while this has nothing else to do."""
+"""The page of ``live`` in a notebook, served by its kernel while it is idle."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ async def live(
 ) -> LiveView:
     """Show the page of the command ``live`` in a notebook: ``view = await live(model)``, and ``view`` to see it.
 
-    The kernel serves the page on an address that this machine alone reaches, while it runs no cell; what was dragged
-    in the meantime is there for the next one.
+    The kernel serves the page at an address that only this machine reaches, while it runs no cell; the next cell sees
+    what was dragged in the meantime.
 
     Parameters
     ----------
     model : FittedModel, str or path
-        The model, or the file of one; or a study ``.toml``, whose variables are the sliders.
+        The model, or its file; or a study ``.toml``, whose variables are the sliders.
     deform : sequence of str
-        More deformations of a model that get a slider, as of the command.
+        Further deformations of a model that get a slider, as in the command.
     folder : str or path
-        Folder for what the page writes.
+        Folder for the files that the page writes.
     height : int
         Height of the page in the notebook (pixels).
 
@@ -52,7 +52,7 @@ async def live(
     Raises
     ------
     InputError
-        If trame or VTK are missing, or the model cannot be moved.
+        If trame or VTK is missing, or the model cannot be moved.
     """
     if not isinstance(model, FittedModel):
         path = Path(model)
@@ -60,14 +60,14 @@ async def live(
     else:
         prepared = LiveModel(model, asked=deform)
     page = Page(Session(prepared, Path(folder)), f"bspline_mdao live {token_hex(8)}")
-    # as in a thread: the kernel's own handler of interrupts stays
+    # as in a thread: the kernel's own interrupt handler stays
     page.serve(LOOPBACK, has_browser=False, exec_mode="task", thread=True)
     await page.server.ready
     return LiveView(page, height)
 
 
 class LiveView:
-    """The page of a model in a notebook, and the shape that it shows. Made by `live`."""
+    """The page of a model in a notebook, and the shape it shows. Made by `live`."""
 
     def __init__(self, page: Page, height: int) -> None:
         self._page, self._height = page, height
@@ -85,7 +85,7 @@ class LiveView:
 
     @property
     def words(self) -> str:
-        """The shape as ``move --deform`` has it; empty where no words say it."""
+        """The shape in the words of ``move --deform``; empty if no words describe it."""
         return self._page.session.live.words(self._page.session.design)
 
     @property
@@ -101,7 +101,7 @@ class LiveView:
         return session.live.model.with_nodes(session.shape.nodes)
 
     async def close(self) -> None:
-        """Serve the page no longer."""
+        """Stop serving the page."""
         await self._page.server.stop()
 
     def _repr_html_(self) -> str:

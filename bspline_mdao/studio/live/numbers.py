@@ -1,4 +1,4 @@
-"""Numbers of a shape beside its cells: thickness of sections, and lift by a vortex lattice where it is a wing."""
+"""Numbers of a shape besides its cells: thickness of sections, and lift by a vortex lattice if it is a wing."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from ..study.draft_body import ALPHA, MACH, GridBody
 __all__ = ["STATIONS", "Lift", "Thickness"]
 
 STATIONS = (0.2, 0.5, 0.8)
-"""Parts of the span at which sections are measured."""
+"""Fractions of the span at which sections are measured."""
 
 
 @dataclass(frozen=True, eq=False)
 class Thickness(OneLine):
-    """Largest thickness of some sections over their chords."""
+    """Largest thickness-to-chord ratio of some sections."""
 
     names: tuple[str, ...]  # of the sections
     rows: np.ndarray  # int (n,), rows of the nodes of the wall
-    measure: SectionThickness | None  # None where nothing can be measured
+    measure: SectionThickness | None  # None if nothing can be measured
     why_not: str = ""  # why
 
     @classmethod
@@ -43,7 +43,7 @@ class Thickness(OneLine):
             return cls((), surface.rows, None, str(error))
 
     def at(self, nodes: np.ndarray) -> np.ndarray:
-        """Thickness over chord with the nodes of the grid (m), shape (n_nodes, 3)."""
+        """Thickness-to-chord ratios with the nodes of the grid (m), shape (n_nodes, 3)."""
         return np.zeros(0) if self.measure is None else self.measure.evaluate(nodes[self.rows])
 
 
@@ -52,14 +52,14 @@ class Lift(OneLine):
     """Lift coefficient of a half wing at one flow condition, by the area of its baseline."""
 
     rows: np.ndarray  # int (n,), rows of the nodes of the walls
-    lattice: LatticeLift | None  # None where the walls are no wing, or OpenAeroStruct is not there
+    lattice: LatticeLift | None  # None if the walls are no wing, or OpenAeroStruct is missing
     why_not: str = ""  # why
     alpha: float = ALPHA  # angle of attack (deg)
     mach: float = MACH
 
     @classmethod
     def of(cls, model: FittedModel) -> Lift:
-        """Lay a lattice into the walls of a model."""
+        """Fit a lattice to the walls of a model."""
         try:
             body = GridBody(model.regenerate(), model.topology)
             why_not = body.why_no_lattice or ("" if body.is_thin else "the walls are not thin")
@@ -73,7 +73,7 @@ class Lift(OneLine):
             return cls(np.zeros(0, dtype=int), None, str(error))
 
     def at(self, nodes: np.ndarray) -> float | None:
-        """Lift coefficient with the nodes of the grid (m), shape (n_nodes, 3); None where there is none."""
+        """Lift coefficient with the nodes of the grid (m), shape (n_nodes, 3); None without a lattice."""
         if self.lattice is None:
             return None
         try:

@@ -15,7 +15,7 @@ __all__ = ["studied_model"]
 
 
 def studied_model(file: Path) -> LiveModel:
-    """Read a study, and make its grid and what its variables do to that."""
+    """Read a study, and make its grid and its variables."""
     shape = StudiedShape.of(read_study(file))
     if not isinstance(shape.model, FittedModel):
         raise InputError(f"{file}: is of an unstructured mesh, which live does not show; see optimize")

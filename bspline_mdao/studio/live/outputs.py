@@ -1,4 +1,4 @@
-"""Files of a shape: a report, its model, CAD, a grid, control points of its surface, a study that begins there."""
+"""Files of a shape: a report, its model, CAD, a grid, control points of its surface, a study that starts there."""
 
 from __future__ import annotations
 
@@ -24,41 +24,24 @@ __all__ = ["free_name", "model_of", "write_shape"]
 
 
 def model_of(live: LiveModel, shape: Shape) -> FittedModel:
-    """Return a shape as a fitted model: its baseline is the grid of the shape, to round-off."""
+    """Return a shape as a fitted model whose baseline is the grid of the shape, to round-off."""
     residual = shape.nodes - live.model.evaluator().forward(shape.control_points)
     return replace(live.model, control_points=shape.control_points, residual=residual)
 
 
 def write_shape(path: Path, live: LiveModel, shape: Shape) -> tuple[Path, ...]:
-    """Write a shape; the name says as what.
+    """Write a shape in the format that the name of the file asks for; return the files that were written.
 
-    Parameters
-    ----------
-    path : Path
-        ``.html``, a report; ``.h5``, a model; ``.step`` or ``.igs``, its walls as CAD; ``.toml``, a study, and the
-        model that it begins with beside it, or the study whose variables are shown, with their values; ``.csv``,
-        control points of the surface, as ``move --deform`` reads them; and the names of grids, such as ``.xyz``.
-    live : LiveModel
-        What made the shape.
-    shape : Shape
-        The shape.
-
-    Returns
-    -------
-    tuple of Path
-        Files that were written.
-
-    Raises
-    ------
-    InputError
-        If the name promises nothing of these, the file cannot be written, or a library is missing.
+    ``.html`` is a report, ``.h5`` a model, ``.step`` or ``.igs`` its walls as CAD. ``.toml`` is a study, with the model
+    that it starts from next to it, or the study whose variables are shown, with their values. ``.csv`` has the control
+    points of the surface, as ``move --deform`` reads them. Other suffixes are grids, such as ``.xyz``.
     """
     write = WRITERS.get(path.suffix.lower(), _write_grid)
     return write(path, live, shape)
 
 
 def free_name(folder: Path, stem: str, suffix: str) -> Path:
-    """Find a name that no file has: ``stem_1.xyz``, ``stem_2.xyz``."""
+    """Find an unused file name: ``stem_1.xyz``, ``stem_2.xyz``."""
     number = 1
     while (folder / f"{stem}_{number}{suffix}").exists():
         number += 1
@@ -122,4 +105,4 @@ WRITERS: dict[str, Callable[[Path, LiveModel, Shape], tuple[Path, ...]]] = {
     ".toml": _write_study,
     **dict.fromkeys(SUFFIXES, _write_cad),
 }
-"""What writes a shape, by suffixes; all others are those of grids."""
+"""Writers of a shape by suffix; all others are grids."""

@@ -1,7 +1,8 @@
 """The page on which a model is deformed: trame serves it, and the browser draws what VTK's objects describe.
 
-What moves the shape only notes what is asked. One task makes shapes of it, the newest first, so that a slider that is
-faster than the shapes skips some. While the hand moves what is seen is made, and the rest, and the flow, when it rests.
+Events that change the shape only record the request. One task makes the shapes, the newest first, so a slider that is
+faster than the shapes skips some. While the mouse moves only the visible part is made; the rest, and the flow, follow
+when it rests.
 """
 
 from __future__ import annotations
@@ -27,37 +28,29 @@ LOOPBACK = "127.0.0.1"
 _NEED = "the command live needs trame and VTK"
 
 RESTS = 0.25
-"""Time (s) without a change after which all of the grid is made and the flow is solved."""
+"""Time (s) without a change after which the whole grid is made and the flow is solved."""
 
 _FILES = {"report": ".html", "STEP": ".step", "PLOT3D": ".xyz", "study.toml": ".toml", "points": ".csv"}
 """Buttons that write, and the suffixes of their files."""
 
 _DIRECTIONS = ("none", "i", "j", "k")
 _REACH = 0.25
-"""Largest displacement of a control point along an axis, by the size of the surface."""
+"""Largest displacement of a control point along an axis, relative to the size of the surface."""
 
 _AXES = ("x", "y", "z")
 
 _OF_CAMERA = "'position', 'focalPoint', 'viewUp', 'viewAngle'"
-"""What is asked of the browser's camera."""
+"""Properties of the browser's camera that are read."""
 
 
 def require_trame() -> None:
-    """Import what a page needs; `InputError` with the command that installs it where something is not there."""
+    """Import what a page needs; `InputError` with the install command if something is missing."""
     for module in ("trame.app", "trame.ui.vuetify3", "trame.widgets.vuetify3", "trame.widgets.vtk"):
         library(module, _NEED, "live")
 
 
 class Page:
-    """The page of a session.
-
-    Parameters
-    ----------
-    session : Session
-        What it shows.
-    name : str
-        Name of the server, one for each page of a process.
-    """
+    """The page of a session; ``name`` is the server's, unique in a process."""
 
     def __init__(self, session: Session, name: str = "bspline_mdao live") -> None:
         require_trame()
@@ -69,7 +62,7 @@ class Page:
         self._is_asked = False
         self._task: asyncio.Task[None] | None = None
         self.camera = self.scene.camera
-        self._grip: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # pixel, displacement and place at first
+        self._grip: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # pixel, displacement, place at the start
         self.reach = float(f"{_REACH * session.live.surface.size:.2g}")
         self._declare()
         self.view: Any = None
@@ -77,7 +70,7 @@ class Page:
         self.show()
 
     def _declare(self) -> None:
-        """Declare what the browser and this side share."""
+        """Declare the state that the browser and the server share."""
         live = self.session.live
         for number, value in enumerate(self.session.design.values):
             self.state[f"slider_{number}"] = value
@@ -105,13 +98,13 @@ class Page:
 
     @property
     def seen(self) -> View:
-        """What is to be seen."""
+        """The view that is selected."""
         state = self.state
         direction = None if state.direction == "none" else _DIRECTIONS.index(state.direction) - 1
         return View(state.colour, bool(state.has_points), bool(state.has_symmetry), direction, float(state.part))
 
     def show(self) -> None:
-        """Show the shape of the moment."""
+        """Show the current shape."""
         session, state = self.session, self.state
         low, high = self.scene.show(session.shape, self.seen)
         self.scene.pick(session.picked)
@@ -150,11 +143,11 @@ class Page:
 
     def _view_changed(self, **_: Any) -> None:
         if self.view is not None:
-            self.session.complete()  # what is seen now may not be in the part
+            self.session.complete()  # the part may lack what is visible now
             self.show()
 
     def ask(self) -> None:
-        """Have the shape of the design of the moment made, once for all that is asked until its turn comes."""
+        """Request the shape of the current design, once for all requests until its turn comes."""
         if self.session.design == self.session.shape.design and not self.session.complaint:
             return
         self._is_asked = True
@@ -162,13 +155,13 @@ class Page:
             self._task = asyncio.get_running_loop().create_task(self._follow())
 
     async def _follow(self) -> None:
-        """Make what is seen of shapes as long as some are asked for, and then all of the last one."""
+        """Make the visible part of shapes as long as some are requested, and then all of the last one."""
         while self._is_asked:
             self._is_asked = False
             self.session.update(self.scene.part(self.seen))
             with self.state:
                 self.show()
-            await asyncio.sleep(0.0)  # what the browser has sent meanwhile comes first
+            await asyncio.sleep(0.0)  # messages that the browser has sent meanwhile come first
             if not self._is_asked:
                 await asyncio.sleep(RESTS)
                 if not self._is_asked and not self.session.complaint:
@@ -177,7 +170,7 @@ class Page:
                         self.show()
 
     def _put_state(self) -> None:
-        """Put sliders to where the design of the moment has them."""
+        """Set the sliders to the current design."""
         for number, value in enumerate(self.session.design.values):
             self.state[f"slider_{number}"] = value
         self.state.picked = None if self.session.picked is None else self.session.picked + 1
@@ -185,7 +178,7 @@ class Page:
             self.state[f"pull_{axis}"] = value
 
     def settle(self, *_: Any) -> None:
-        """End a step, as the hand leaves a slider."""
+        """End a step, when a slider is released."""
         self.session.history.settle()
 
     def undo(self) -> None:
@@ -195,19 +188,19 @@ class Page:
         self.ask()
 
     def redo(self) -> None:
-        """Take the last step back again."""
+        """Redo the last step."""
         self.session.history.redo()
         self._put_state()
         self.ask()
 
     def reset(self) -> None:
-        """Go back to the model."""
+        """Return to the model."""
         self.session.reset()
         self._put_state()
         self.ask()
 
     def write(self, suffix: str) -> None:
-        """Write the shape of the moment."""
+        """Write the current shape."""
         self.state.message = self.session.write(suffix)
 
     def look(self, camera: Any = None, *_: Any) -> None:
@@ -219,7 +212,7 @@ class Page:
             self.camera = Camera(position, focal_point, up, float(camera.get("viewAngle", self.camera.angle)))
 
     def press(self, x: float, y: float, width: float, height: float) -> None:
-        """Take the control point at a pixel of the drawing."""
+        """Select the control point at a pixel of the drawing."""
         pixel, shape = np.array([x, y], dtype=float), (float(width), float(height))
         self.pick(self.scene.nearest(self.camera, pixel, shape))
         self._grip = None
@@ -227,7 +220,7 @@ class Page:
             self._grip = pixel, np.array(self.session.displacement), self.scene.surface[self.session.picked].copy()
 
     def drag(self, x: float, y: float, width: float, height: float) -> None:
-        """Pull the control point that was taken to a pixel, across the line of sight."""
+        """Pull the selected control point to a pixel, across the line of sight."""
         if self._grip is None:
             return
         pixel, before, place = self._grip
@@ -239,12 +232,12 @@ class Page:
         self.ask()
 
     def release(self, *_: Any) -> None:
-        """Let the control point go."""
+        """Release the control point."""
         self._grip = None
         self.settle()
 
     def pick(self, row: int | None) -> None:
-        """Pick a control point of the surface by its row."""
+        """Select a control point of the surface by its row."""
         self.session.history.settle()
         self.session.picked = row
         self._put_state()
@@ -252,13 +245,13 @@ class Page:
         self.view.update()
 
     def pick_number(self, number: Any) -> None:
-        """Pick a control point of the surface by its number, from 1; none by what is no number of one."""
+        """Select a control point of the surface by its number, from 1; none if it is no such number."""
         text = str(number or "")
         row = int(text) - 1 if text.isdigit() else -1
         self.pick(row if 0 <= row < len(self.session.live.mesh.surface_ids) else None)
 
     def nudge(self, steps: float) -> None:
-        """Pull the control point that is picked along its normal."""
+        """Pull the selected control point along its normal."""
         self.session.nudge(steps * 0.01 * self.reach)
         self.session.history.settle()
         self._put_state()
@@ -387,7 +380,7 @@ class Page:
             v3.VSlider(v_model=("part",), v_if=("direction !== 'none'",), min=0.0, max=1.0, step=0.02, **look)
 
     def _handle(self, html: Any) -> None:
-        """What the mouse takes control points by: a sheet over the drawing."""
+        """The sheet over the drawing that catches the mouse."""
         for name in ("press", "drag", "release"):
             self.server.trigger(name)(getattr(self, name))
         at = "[$event.offsetX, $event.offsetY, $event.target.clientWidth, $event.target.clientHeight]"
@@ -414,11 +407,11 @@ class Page:
                 html.Span("{{ ends[1] }}")
 
     def on_ready(self, say: Callable[[int], None]) -> None:
-        """Have a function called with the port once the page can be asked for."""
+        """Call a function with the port once the page can be opened."""
         self.ctrl.on_server_ready.add(lambda **_: say(self.server.port))
 
     def serve(self, host: str = LOOPBACK, port: int = 0, has_browser: bool = True, **settings: Any) -> Any:
-        """Serve the page until it is interrupted; settings are those of trame's server."""
+        """Serve the page until it is interrupted; settings are as in trame's server."""
         secret = token_urlsafe(24)
         arguments, sys.argv = sys.argv, [sys.argv[0], f"--authKey={secret}"]  # trame reads them
         try:
@@ -431,10 +424,10 @@ class Page:
 
 
 def _answer_session(server: Any, secret: str, is_local: bool) -> None:
-    """Answer the question for a session that trame's page begins with, by the secret of its socket.
+    """Answer the request for a session with which trame's page begins, by the secret of its socket.
 
-    Other pages that are open in the browser can reach this address as well, but read no answer of it, so that they do
-    not know the secret; nor do those that reach it by a name of theirs.
+    Other pages that are open in the browser can reach this address too, but they cannot read the answer and so do not
+    learn the secret; nor do pages that reach it by a host name of their own.
     """
     web = library("aiohttp.web", _NEED, "live")
 

@@ -1,7 +1,7 @@
-"""The part of a grid that is made while a hand moves: cells that are drawn, and those that are worst on the baseline.
+"""The part of a grid that is made during a drag: cells that are drawn, and the worst ones on the baseline.
 
-Which cells these are depends on the model and on what is seen alone, and their nodes have the bits that they have in
-the whole grid, so that nothing that is shown depends on what was shown before.
+Which cells these are depends only on the model and on what is visible, and their nodes are bitwise equal to the nodes
+of the whole grid, so nothing that is shown depends on what was shown before.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ class Part(OneLine):
     model: FittedModel
     surface: SurfaceGrid  # its walls
     slides: Sequence[Slide]  # patches that slide
-    cells: np.ndarray  # int (n_cells,), numbers of the cells in the grid, rising
+    cells: np.ndarray  # int (n_cells,), numbers of the cells in the grid, ascending
     corners: np.ndarray  # int (n_cells, 8), rows of their corners
-    rows: np.ndarray  # int (n,), rows of the nodes of the part, rising
+    rows: np.ndarray  # int (n,), rows of the nodes of the part, ascending
     handedness: np.ndarray  # (n_cells,), of their blocks
     degenerate: np.ndarray  # uint8 (n_cells,), corners that are degenerate on the baseline
 
@@ -59,7 +59,7 @@ class Part(OneLine):
         cells: np.ndarray,  # int, in any order
         blocks: Sequence[BlockCells],  # cells of the whole grid on the baseline, block by block
     ) -> Part:
-        """Take cells of a grid; its blocks have cells in all three directions, as all that moves."""
+        """Take cells of a grid, whose blocks have cells in all three directions, as in every moving grid."""
         cells = np.unique(cells)
         corners = corners_of(model, cells)
         signs = np.repeat([block.sign for block in blocks], [block.n_cells for block in blocks])
@@ -69,12 +69,12 @@ class Part(OneLine):
 
     @cached_property
     def wall_map(self) -> GridMap:
-        """Map to its nodes with walls met; these come first in it."""
+        """Map to its nodes with exact walls; wall nodes come first."""
         return self._local.map_meeting(self.surface.rows, self.model, self.slides)
 
     @cached_property
     def free_map(self) -> ControlPointMap:
-        """Map to its nodes of control points alone."""
+        """Map to its nodes from control points only."""
         return self._local.map_sliding(self.slides, self.model)
 
     @cached_property
@@ -82,7 +82,7 @@ class Part(OneLine):
         return self.model.local_model(Subdomain.of_rows(self.rows, self.model.n_nodes))
 
     def spread(self, nodes: np.ndarray) -> np.ndarray:
-        """Nodes of the part, the first ones given, among all of the grid (m), shape (n_nodes, 3), else no numbers."""
+        """Nodes of the part, the first ones given, among all of the grid (m), shape (n_nodes, 3); NaN elsewhere."""
         spread = np.full((self.model.n_nodes, 3), np.nan)
         spread[self.rows] = nodes[: len(self.rows)]
         return spread
@@ -93,7 +93,7 @@ class Part(OneLine):
         return orthogonality(triples, axis=1), triples.min(axis=1)
 
     def among_all(self, values: np.ndarray, n_cells: int) -> np.ndarray:
-        """Values of its cells among those of all cells of the grid, shape (n_cells,), infinity at the others."""
+        """Values of its cells among all cells of the grid, shape (n_cells,); infinity elsewhere."""
         spread = np.full(n_cells, np.inf)
         spread[self.cells] = values
         return spread

@@ -1,4 +1,4 @@
-"""The drawing of a shape, of VTK's objects: the browser draws it, and nothing is rendered here."""
+"""The drawing of a shape as VTK objects: the browser draws it, and nothing is rendered here."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ COLOURS = {
     "heights": ("height of first cells, by that before", (0.8, 1.2)),
     "displacement": ("displacement", None),
 }
-"""What the drawing may be coloured by: a label, and the range of the colours where it is fixed."""
+"""Fields that may colour the drawing: a label, and the range of the colours if it is fixed."""
 
 _STOPS = (
     ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)),  # viridis
     ((178, 24, 43), (244, 165, 130), (247, 247, 247), (146, 197, 222), (33, 102, 172)),  # both sides of 1
 )
-"""Colours at equal parts of the range: of quality and displacement, and of ratios."""
+"""Colours at equal fractions of the range: for quality and displacement, and for ratios."""
 
 _N_COLOURS = 128
 _NEAR = 24.0
@@ -43,13 +43,13 @@ _OF_VTK = {
     "vtkCommonDataModel": ("vtkCellArray", "vtkPolyData"),
     "vtkRenderingCore": ("vtkActor", "vtkPolyDataMapper", "vtkRenderer"),
     "vtkRenderingUI": ("vtkGenericRenderWindowInteractor",),
-    "vtkRenderingOpenGL2": ("vtkGenericOpenGLRenderWindow",),  # of no window system
+    "vtkRenderingOpenGL2": ("vtkGenericOpenGLRenderWindow",),  # needs no window system
 }
-"""What is taken of VTK: all of it takes seconds to import."""
+"""What is imported from VTK: all of it takes seconds."""
 
 
 def vtk_library() -> SimpleNamespace:
-    """Import VTK's classes; `InputError` with the command that installs it where it is not there."""
+    """Import VTK's classes; `InputError` with the install command if VTK is missing."""
     found = {}
     for module, names in _OF_VTK.items():
         of = library(f"vtkmodules.{module}", _NEED, "live")
@@ -83,7 +83,7 @@ class Camera:
         return pixels + 0.5 * np.array(shape), depths
 
     def displacement(self, place: np.ndarray, pixels: np.ndarray, shape: tuple[float, float]) -> np.ndarray:
-        """Displacement (m) across the line of sight that moves what is at a place by pixels, shape (2,)."""
+        """Displacement (m) across the line of sight that moves the point at a place by pixels, shape (2,)."""
         right, up, into = self.axes
         return (pixels[0] * right - pixels[1] * up) * ((place - self.position) @ into) * self._extent(shape)
 
@@ -94,13 +94,13 @@ class Camera:
 
 @dataclass(frozen=True)
 class View:
-    """What is to be seen."""
+    """What is visible."""
 
     colour: str = "quality"  # out of `COLOURS`
     has_points: bool = True  # whether control points of the surface are drawn
     has_symmetry: bool = False  # whether planes of symmetry are drawn
     direction: int | None = None  # direction of the grid planes that are drawn off the walls; None for none
-    part: float = 0.5  # where these are, by the index
+    part: float = 0.5  # where these are, by index
 
 
 class Scene:
@@ -113,7 +113,7 @@ class Scene:
         self.size = live.surface.size
         self.window, self._renderer = vtk.vtkGenericOpenGLRenderWindow(), vtk.vtkRenderer()
         self.window.AddRenderer(self._renderer)
-        self._interactor = vtk.vtkGenericRenderWindowInteractor()  # trame asks for one
+        self._interactor = vtk.vtkGenericRenderWindowInteractor()  # trame needs one
         self._interactor.SetRenderWindow(self.window)
         self._renderer.SetBackground(1.0, 1.0, 1.0)
         self._drawn = Drawn.of(live.model.topology)
@@ -183,7 +183,7 @@ class Scene:
         camera.SetClippingRange(0.01 * distance, 100.0 * distance)
 
     def show(self, shape: Shape, view: View) -> tuple[float, float]:
-        """Draw a shape; returns the range of the colours."""
+        """Draw a shape; return the range of the colours."""
         self._lay_out(view)
         rows, live = self._drawn.rows, self.live
         self._put(self._sheets, shape.nodes[rows])
@@ -211,7 +211,7 @@ class Scene:
         return self._part[1]
 
     def _values(self, shape: Shape, colour: str) -> tuple[np.ndarray, bool, tuple[float, float]]:
-        """Values of what is drawn, whether they are of cells, and their range."""
+        """Values of what is drawn, whether they are per cell, and their range."""
         drawn, (_, ends) = self._drawn, COLOURS[colour]
         if colour == "heights":
             found = drawn.of_nodes(self.live.quality.first_cells.wall_rows, shape.heights, 1.0)
@@ -222,7 +222,7 @@ class Scene:
         return (shape.q if colour == "quality" else shape.corners)[drawn.cells], True, ends or (0.0, 1.0)
 
     def _lay_out(self, view: View) -> None:
-        """Take other surfaces where others are asked for."""
+        """Take other surfaces if the view has changed."""
         asked = view.has_symmetry, view.direction, view.part
         if asked != self._drawn_as or not self._sheets.GetNumberOfPolys():
             self._drawn, self._drawn_as = Drawn.of(self.live.model.topology, *asked), asked
@@ -237,7 +237,7 @@ class Scene:
         data.Modified()
 
     def _put_markers(self, markers: tuple[Any, Any], points: np.ndarray, is_seen: bool = True) -> None:
-        """Put markers at points, of which there is one at least: browsers draw nothing that begins empty."""
+        """Put markers at points, at least one: browsers draw nothing that starts empty."""
         data, actor = markers
         actor.SetVisibility(is_seen)
         self._put(data, points)
@@ -253,13 +253,13 @@ class Scene:
 
     @property
     def camera(self) -> Camera:
-        """The camera that the drawing begins with."""
+        """The initial camera."""
         camera = self._renderer.GetActiveCamera()
         position, focal_point = np.array(camera.GetPosition()), np.array(camera.GetFocalPoint())
         return Camera(position, focal_point, np.array(camera.GetViewUp()), camera.GetViewAngle())
 
     def nearest(self, camera: Camera, pixel: np.ndarray, shape: tuple[float, float]) -> int | None:
-        """Row of the control point that a click takes: of those near it the one in front; None where none is near."""
+        """Row of the control point at a click, the front one of those nearby; None if none is near."""
         pixels, depths = camera.project(self.surface, shape)
         distances = np.where(depths > 0.0, np.linalg.norm(pixels - pixel, axis=1), np.inf)
         near = np.flatnonzero(distances <= min(_NEAR, distances.min() + 0.25 * _NEAR))

@@ -1,6 +1,6 @@
-"""What a page has open: a model, the design of the moment and its shape, and what buttons do to them.
+"""The state of a page: a model, the current design and its shape, and the actions of the buttons.
 
-Nothing here knows of a browser. What cannot be made leaves the last shape that could, with the reason.
+Nothing here knows of a browser. If a shape cannot be made, the last valid one stays, with the reason.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .shape import LiveModel, Shape
 __all__ = ["Row", "Session"]
 
 THINNER = 0.99
-"""A section is shown as thinner below this part of what it was."""
+"""A section is shown as thinner below this fraction of its original thickness."""
 
 _WRONG = (InputError, MovementError, om.AnalysisError, OSError)
 
@@ -44,52 +44,52 @@ class Session:
         self.live, self.folder = live, folder
         self.history = History(live.neutral)
         self.shape = self.baseline = live.at(live.neutral)
-        self.complaint = ""  # why the design of the moment has no shape
-        self.picked: int | None = None  # row of the control point that is picked
+        self.complaint = ""  # why the current design has no shape
+        self.picked: int | None = None  # row of the selected control point
         if live.first != live.neutral:
             self.history.change(live.first, None)
             self.update()
 
     @property
     def design(self) -> Design:
-        """The design of the moment."""
+        """The current design."""
         return self.history.now
 
     def set(self, number: int, value: float) -> None:
-        """Put a slider to a value within its range."""
+        """Set a slider to a value within its range."""
         slider = self.live.sliders[number]
         value = round(min(max(float(value), slider.low), slider.high), 10)
         self.history.change(self.design.with_value(number, value), slider)
 
     def pull(self, displacement: tuple[float, float, float]) -> None:
-        """Put the control point that is picked to a displacement (m)."""
+        """Set the selected control point to a displacement (m)."""
         if self.picked is not None:
             x, y, z = (round(float(each), 12) for each in displacement)
             self.history.change(self.design.with_pull(self.picked, (x, y, z)), self.picked)
 
     def nudge(self, height: float) -> None:
-        """Pull the control point that is picked along its normal, by a height (m), from where it is."""
+        """Pull the selected control point along its normal by a height (m), from where it is."""
         if self.picked is not None:
             there = np.array(self.displacement) + height * self.live.normals[self.picked]
             self.pull((there[0], there[1], there[2]))
 
     @property
     def displacement(self) -> tuple[float, float, float]:
-        """Displacement of the control point that is picked (m)."""
+        """Displacement of the selected control point (m)."""
         none = (0.0, 0.0, 0.0)
         return none if self.picked is None else self.design.displacements.get(self.picked, none)
 
     def reset(self) -> None:
-        """Go back to the model, as a step that can be taken back."""
+        """Return to the model, as a step that can be undone."""
         self.history.change(self.live.neutral, None)
         self.history.settle()
 
     def update(self, part: Part | None = None) -> bool:
-        """Make the shape of the design of the moment, or a part of it; False where that cannot be done."""
+        """Make the shape of the current design, or a part of it; False if that fails."""
         return self._try(lambda: self.live.at(self.design, False, part))
 
     def complete(self) -> bool:
-        """Make all of the shape of the moment, and solve the flow about it; False where that cannot be done."""
+        """Make all of the current shape, and solve the flow about it; False if that fails."""
         return self._try(lambda: self.live.completed(self.shape))
 
     def _try(self, make: Callable[[], Shape]) -> bool:
@@ -102,7 +102,7 @@ class Session:
         return True
 
     def write(self, suffix: str) -> str:
-        """Write the shape of the moment under a name that is free; says what was written, or why nothing was."""
+        """Write the current shape under an unused name; say what was written, or why nothing was."""
         if self.shape.part is not None and not self.complete():
             return f"nothing was written: {self.complaint}"
         source = self.live.model.file if self.live.study is None else self.live.study.shape.study.source
@@ -116,13 +116,13 @@ class Session:
 
     @property
     def command(self) -> str:
-        """The command that makes the grid of the moment; empty where no words say it."""
+        """The command that makes the current grid; empty if no words describe it."""
         words = self.live.words(self.shape.design)
         return f"--deform {words}" if words and not self.shape.design.pulls else ""
 
     @property
     def warning(self) -> str:
-        """What is wrong with the shape; empty where nothing is."""
+        """What is wrong with the shape; empty if nothing is."""
         if not self.shape.n_inverted:
             return ""
         worst = int(self.shape.worst[0])
@@ -132,7 +132,7 @@ class Session:
         )
 
     def rows(self) -> list[Row]:
-        """Numbers of the shape, with those of the baseline."""
+        """Numbers of the shape, next to the baseline's."""
         now, was = self.shape, self.baseline
         rows = [
             Row("largest displacement", f"{now.largest_displacement(was.nodes):.4g}", "0"),

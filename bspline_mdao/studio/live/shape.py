@@ -1,10 +1,10 @@
-"""The grid of a design, as ``move`` makes it, with what is measured of it, quickly enough to look on.
+"""The grid of a design, as ``move`` makes it, with its measures, fast enough for interactive use.
 
-What moves many times from the same points is made once: the factor of the mover, the map to the grid with its walls
-met, control points that follow walls, and what the baseline decides about cells.
+What many moves from the same points share is made once: the factor of the mover, the map to the grid with exact walls,
+control points that follow walls, and what the baseline determines about cells.
 
-A design of sliders alone is the grid of ``move --deform`` with the same words, to the last bit; one with control points
-that were pulled is that of ``move --deform FILE`` with the control points of its surface.
+The grid of a design of sliders only is bitwise equal to the grid of ``move --deform`` with the same words. With control
+points pulled by hand, it is equal to the grid of ``move --deform FILE`` with the control points of its surface.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ from .variables import Slider, sliders_of, words_of
 __all__ = ["LiveModel", "Shape"]
 
 MOST_WORST = 10
-"""Cells that are pointed at, at most."""
+"""Largest number of cells that are pointed out."""
 
 N_WATCHED = 200
-"""Cells with the smallest corners, and with the smallest Q, of the baseline that every part has: a tenth of a percent
-of 200,000, which costs a tenth of what is drawn."""
+"""Cells with the smallest corners, and with the smallest Q, of the baseline that every part includes: 0.1 % of
+200,000, which costs a tenth of what is drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,23 +58,23 @@ class Shape(OneLine):
 
     design: Design
     control_points: np.ndarray  # (n_control_points, 3), of the whole mesh (m)
-    wall: np.ndarray | None  # (n, 3), where nodes of walls are asked to be (m); None where control points say it
-    part: Part | None  # what of the grid was made; all of it where there is none
-    nodes: np.ndarray  # (n_nodes, 3), the grid (m); no numbers beyond the part
-    # (n_cells,), orthogonality and smallest corner triple product of every cell, not positive where it is inverted;
-    # infinite beyond the part
+    wall: np.ndarray | None  # (n, 3), target nodes of walls (m); None if control points define them
+    part: Part | None  # the part of the grid that was made; None for all of it
+    nodes: np.ndarray  # (n_nodes, 3), the grid (m); NaN outside the part
+    # (n_cells,), orthogonality and smallest corner triple product of every cell, not positive if it is inverted;
+    # infinite outside the part
     q: np.ndarray
     corners: np.ndarray
-    new: np.ndarray  # int, cells that are inverted and were not
+    new: np.ndarray  # int, cells that are inverted and were not before
     worst: np.ndarray  # int, cells with the smallest corners, the worst first, at most `MOST_WORST`
-    heights: np.ndarray  # (n_entries,), heights of first cells by those before
-    thickness: np.ndarray  # (n_stations,), of sections over their chords; empty where none is measured
-    lift: float | None  # lift coefficient of the lattice; None where there is no wing, no OpenAeroStruct, or not asked
+    heights: np.ndarray  # (n_entries,), heights of first cells relative to the baseline
+    thickness: np.ndarray  # (n_stations,), thickness-to-chord ratios of sections; empty if none is measured
+    lift: float | None  # lift coefficient of the lattice; None without a wing, OpenAeroStruct, or a request for it
     seconds: Mapping[str, float]  # CPU seconds of each part
 
     @property
     def n_inverted(self) -> int:
-        """Number of cells that are inverted and were not."""
+        """Number of cells that are inverted and were not before."""
         return len(self.new)
 
     def largest_displacement(self, baseline: np.ndarray) -> float:
@@ -89,11 +89,11 @@ class LiveModel:
     def __init__(
         self,
         model: FittedModel,
-        mesh: MovingMesh | None = None,  # its control mesh; that of all walls by default
-        mover: Mover | None = None,  # what carries the control mesh along; the default one
-        patches: Sequence[str] | None = None,  # patches that are the design surface, as those of the mesh
-        asked: Sequence[str] = (),  # more deformations, such as ``bend=60deg@0.7``, each with a slider up to it
-        study: StudyVariables | None = None,  # variables that are the sliders, in place of deformations by name
+        mesh: MovingMesh | None = None,  # its control mesh; by default of all walls
+        mover: Mover | None = None,  # moves the inner control mesh; the default one if None
+        patches: Sequence[str] | None = None,  # patches that are the design surface, as in the mesh
+        asked: Sequence[str] = (),  # further deformations, such as ``bend=60deg@0.7``, each with a slider up to it
+        study: StudyVariables | None = None,  # variables that are the sliders, instead of deformations by name
     ) -> None:
         self.study = study
         self.model, self.mesh = model, moving_mesh(model) if mesh is None else mesh
@@ -105,16 +105,16 @@ class LiveModel:
         self.lift = Lift.of(model)
         self.baseline = model.regenerate().to_vector().reshape(-1, 3)
         self.quality = GridQuality.of_baseline(model.regenerate())
-        self._start: Any = None  # factors of the mover, once they are made
+        self._start: Any = None  # factors of the mover, once made
         q, corners = self._measured(self.baseline)
         self._was_valid = corners > 0.0
         self._watched = np.concatenate([_lowest(q, N_WATCHED), _lowest(corners, N_WATCHED)])
 
     def warm(self, part: Part | None = None) -> None:
-        """Make once what moves share, so that the first one that is asked for is as quick as the others."""
+        """Make once what moves share, so the first requested one is as fast as the others."""
         slider = self.sliders[0] if self.sliders else None
         if slider is not None:
-            with suppress(InputError, MovementError):  # whoever asks for it is told
+            with suppress(InputError, MovementError):  # reported when the shape is requested
                 self.completed(self.at(self.neutral.with_value(0, slider.neutral + slider.step), part=part))
 
     @property
@@ -129,7 +129,7 @@ class LiveModel:
 
     @property
     def first(self) -> Design:
-        """The design to begin with: the model itself, or where a study starts."""
+        """The initial design: the model itself, or the start of a study."""
         return self.neutral if self.study is None else Design(self.study.first)
 
     def is_baseline(self, design: Design) -> bool:
@@ -137,12 +137,12 @@ class LiveModel:
         return not design.pulls and (self.study.is_baseline(design.values) if self.study else design == self.neutral)
 
     def words(self, design: Design) -> str:
-        """Say the sliders of a design as ``move --deform`` has them; variables of a study have no words."""
+        """Write the sliders of a design in the words of ``move --deform``; variables of a study have none."""
         return words_of(self.sliders, design.values) if self.study is None else ""
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """Normals of the surface at its control points, into the fluid, shape (n_surface, 3); zero where unknown."""
+        """Normals of the surface at its control points, into the fluid, shape (n_surface, 3); zero if unknown."""
         try:
             return surface_normals(self.mesh)
         except InputError:
@@ -150,12 +150,12 @@ class LiveModel:
 
     @cached_property
     def wall_map(self) -> GridMap:
-        """Map to the grid with its walls met."""
+        """Map to the grid with exact walls."""
         return self.model.map_meeting(self.surface.rows, self.model, self.mesh.slides)
 
     @cached_property
     def free_map(self) -> ControlPointMap:
-        """Map to the grid of control points alone."""
+        """Map to the grid from control points only."""
         return self.model.map_sliding(self.mesh.slides, self.model)
 
     @cached_property
@@ -168,24 +168,10 @@ class LiveModel:
         return self.surface.on_planes(self.model)
 
     def deformed(self, design: Design) -> tuple[np.ndarray, np.ndarray | None]:
-        """Control points of the surface of a design, and where its walls are asked to be.
+        """Control points of a design's surface, (n_surface, 3), and nodes of its walls, (n, 3) or None (m).
 
-        Parameters
-        ----------
-        design : Design
-            The design.
-
-        Returns
-        -------
-        control_points : ndarray, shape (n_surface, 3)
-            Control points of the design surface (m).
-        wall : ndarray, shape (n, 3), or None
-            Nodes of the walls (m); None where control points alone say where these are.
-
-        Raises
-        ------
-        InputError, MovementError
-            If the surface cannot be deformed so.
+        The second is None if control points alone define the walls. Raises `InputError` or `MovementError` if the
+        surface cannot be deformed so.
         """
         words, points, wall = self.words(design), self.model.control_points[self.mesh.surface_ids], None
         if self.study is not None:
@@ -202,35 +188,20 @@ class LiveModel:
         return points + self.allowed(pulled), None
 
     def allowed(self, displacement: np.ndarray) -> np.ndarray:
-        """Displacements (n_surface, 3) of control points that stay in planes of symmetry, with copies alike."""
+        """Displacements (n_surface, 3) of control points that stay in planes of symmetry, equal for all copies."""
         slid = Deformation(self.mesh, ()).slide(displacement)
         return self.mesh.with_copies(slid) if len(self.mesh.copies) else slid
 
     def part_of(self, cells: np.ndarray) -> Part:
-        """Take cells, those at walls and the worst of the baseline."""
+        """Take cells, the cells at walls and the worst of the baseline."""
         cells = np.concatenate([cells, Drawn.of(self.model.topology).cells, self._watched])
         return Part.of(self.model, self.surface, self.mesh.slides, cells, self.quality.blocks)
 
     def at(self, design: Design, with_lift: bool = True, part: Part | None = None) -> Shape:
-        """Make the grid of a design and measure it.
+        """Make the grid of a design, or a part of it, and measure it.
 
-        Parameters
-        ----------
-        design : Design
-            Values of the sliders, and control points that are pulled.
-        with_lift : bool
-            Whether the flow is solved as well, which takes as long as a small grid.
-        part : Part, optional
-            What of the grid is made; all of it by default.
-
-        Returns
-        -------
-        Shape
-
-        Raises
-        ------
-        InputError, MovementError
-            If the surface, or the grid behind it, cannot be deformed so.
+        ``with_lift`` solves the flow as well, which takes as long as a small grid. Raises `InputError` or
+        `MovementError` if the surface, or the grid behind it, cannot be deformed so.
         """
         clock = _Clock()
         surface, wall = self.deformed(design)
@@ -240,7 +211,7 @@ class LiveModel:
         return self._shape(design, points, wall, with_lift and part is None, part, clock)
 
     def completed(self, shape: Shape) -> Shape:
-        """Make all of the grid of a shape of which there is a part, and solve the flow about it."""
+        """Make the whole grid of a shape made in part, and solve the flow about it."""
         if shape.part is None:
             return shape if shape.lift is not None else replace(shape, lift=self.lift.at(shape.nodes))
         return self._shape(shape.design, shape.control_points, shape.wall, True, None, _Clock())
@@ -254,7 +225,7 @@ class LiveModel:
         part: Part | None,
         clock: _Clock,
     ) -> Shape:
-        """Make the grid of control points of the whole mesh, and measure it."""
+        """Make the grid from the control points of the whole mesh, and measure it."""
         of = self if part is None else part
         if wall is not None:
             nodes = of.wall_map.at(points, wall).nodes
@@ -301,17 +272,17 @@ class LiveModel:
         return q, corners
 
     def middles(self, nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:
-        """Middles of some cells (m), shape (n, 3)."""
+        """Centres of some cells (m), shape (n, 3)."""
         return nodes[corners_of(self.model, cells)].mean(axis=1)
 
     def place_of(self, cell: int) -> str:
-        """Say where a cell is: ``(i, j, k) of block 2``, from 1."""
+        """Name the place of a cell: ``(i, j, k) of block 2``, from 1."""
         (block,), (index,) = self.model.topology.layout.cells.unravel(np.array([cell]))
         return f"({', '.join(str(n + 1) for n in index.tolist())}) of block {block + 1}"
 
 
 def _lowest(measure: np.ndarray, most: int = MOST_WORST) -> np.ndarray:
-    """Cells with the smallest values of a measure, the worst first; what is no number is worst."""
+    """Cells with the smallest values of a measure, the worst first; NaN is worst."""
     values = np.where(np.isnan(measure), -np.inf, measure)
     n = min(most, len(values))
     found = np.argpartition(values, n - 1)[:n]
@@ -319,7 +290,7 @@ def _lowest(measure: np.ndarray, most: int = MOST_WORST) -> np.ndarray:
 
 
 class _Clock:
-    """CPU seconds of parts, one after another."""
+    """CPU seconds of successive parts."""
 
     def __init__(self, now: Callable[[], float] = time.process_time) -> None:
         self.now, self._began = now, now()

@@ -1,4 +1,4 @@
-"""Variables of a study as sliders, one for each value, and the study written anew with the values of the moment."""
+"""Variables of a study as sliders, one for each value, and the study rewritten with the current values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["StudyVariables"]
 
 
 MOST_SLIDERS = 100
-"""Sliders that a page can be scrolled through; further values stay where the study starts."""
+"""Largest number of sliders on a page; further values stay at the start of the study."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +31,14 @@ class StudyVariables(OneLine):
     """Variables of a study."""
 
     shape: StudiedShape
-    sliders: tuple[Slider, ...]  # of the values that the driver has, the first `MOST_SLIDERS`
+    sliders: tuple[Slider, ...]  # of the driver's values, the first `MOST_SLIDERS`
     places: tuple[tuple[str, int], ...]  # variable of each, and which of its values
-    start: dict[str, np.ndarray]  # values that the study starts from, by the names of variables
-    n_values: int  # values that the driver has
+    start: dict[str, np.ndarray]  # start values of the study, by names of variables
+    n_values: int  # number of the driver's values
 
     @classmethod
     def of(cls, shape: StudiedShape) -> StudyVariables:
-        """Make a slider of every value, between its bounds, and as far as the baseline where this is beyond."""
+        """Make a slider for every value, between its bounds, extended to the baseline if this is outside."""
         found: list[tuple[Slider, tuple[str, int]]] = []
         start = {}
         for name, neutral in shape.parametrization.initial.items():
@@ -56,7 +56,7 @@ class StudyVariables(OneLine):
 
     @property
     def first(self) -> tuple[float, ...]:
-        """Values of the sliders that the study starts from."""
+        """Values of the sliders at the start of the study."""
         return tuple(float(self.start[name][number]) for name, number in self.places)
 
     def by_name(self, values: Sequence[float]) -> dict[str, np.ndarray]:
@@ -77,7 +77,7 @@ class StudyVariables(OneLine):
         return self.shape.parametrization.apply(mesh.points[mesh.surface_ids], self.by_name(values))
 
     def text(self, values: Sequence[float], folder: Path) -> str:
-        """The study as it is written, but that it starts from values of the sliders; for a file in a folder."""
+        """The study as it is written, but starting from values of the sliders; for a file in a folder."""
         study, now = self.shape.study, self.by_name(values)
         changed = [name for name, each in now.items() if not np.array_equal(each, self.start[name])]
         if given := [name for name in changed if name in study.evened]:
@@ -86,7 +86,7 @@ class StudyVariables(OneLine):
             )
         document: Any = tomlkit.parse(study.source.read_text(encoding="utf-8"))
         for (*path, key), file in study.inputs.items():
-            if isinstance(reduce(getitem, path, document), str):  # one file, where a list of them might be
+            if isinstance(reduce(getitem, path, document), str):  # one file, in place of a list
                 key = path.pop()
             reduce(getitem, path, document)[key] = _relative(file, folder)
         for name in changed:

@@ -1,4 +1,4 @@
-"""Variables that a shape is changed by, one slider for each: deformations by name, as ``move --deform`` has them."""
+"""Variables that change a shape, one slider each: deformations by name, as in ``move --deform``."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ...errors import InputError
 __all__ = ["Slider", "asked_slider", "sliders_of", "words_of"]
 
 ANGLES = {"twist", "sweep", "dihedral", "pitch", "bend", "rotate"}
-"""Deformations by an angle, of which 0 deg does nothing."""
+"""Deformations by an angle; 0 deg has no effect."""
 
 FACTORS = {"stretch", "chord", "thickness", "radius", "axial"}
-"""Deformations by a factor, of which 1 does nothing."""
+"""Deformations by a factor; 1 has no effect."""
 
 _TRIED = 1e-3
-"""Part of its range that a variable is tried with before it gets a slider."""
+"""Fraction of its range at which a variable is tried before it gets a slider."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Slider:
     """One variable and its range."""
 
     name: str  # of the deformation
-    label: str  # what it says on the page
+    label: str  # label on the page
     low: float
     high: float
     neutral: float  # value that changes nothing
@@ -38,11 +38,11 @@ class Slider:
 
     @property
     def step(self) -> float:
-        """What the slider moves by: a power of ten, by which its range has 60 steps or more."""
+        """Step of the slider: a power of ten that divides its range into 60 steps or more."""
         return 10.0 ** math.floor(math.log10((self.high - self.low) / 60.0))
 
     def words(self, value: float) -> str:
-        """Say a value as ``move --deform`` has it."""
+        """Write a value in the words of ``move --deform``."""
         return f"{self.name}={value:.10g}{self.unit}{self.place}"
 
 
@@ -54,14 +54,14 @@ OF_WINGS = (
     Slider("dihedral", "dihedral", -20.0, 20.0, 0.0, "deg"),
     Slider("stretch", "span", 0.7, 1.5, 1.0),
 )
-"""Sliders of a wing, in the order in which deformations are done."""
+"""Sliders of a wing, in the order in which deformations are applied."""
 
 OF_SECTIONS = (*OF_WINGS[:2], Slider("pitch", "pitch", -10.0, 10.0, 0.0, "deg"))
-"""Sliders of a section, which is the same all along the span."""
+"""Sliders of a section that is the same along the span."""
 
 
 def sliders_of(model: FittedModel, mesh: MovingMesh, is_section: bool, asked: Sequence[str] = ()) -> tuple[Slider, ...]:
-    """Find the variables of a shape: those of a wing or a section that it can follow, and those that are asked for."""
+    """Find the variables of a shape: those a wing or a section can follow, and the requested ones."""
     usual = OF_SECTIONS if is_section else OF_WINGS
     return (*(each for each in usual if _is_followed(each, model, mesh)), *(asked_slider(text) for text in asked))
 
@@ -77,7 +77,7 @@ def _is_followed(slider: Slider, model: FittedModel, mesh: MovingMesh) -> bool:
 
 
 def asked_slider(text: str) -> Slider:
-    """Make a slider of one deformation, which is its end: to both sides of nothing, as far as it goes.
+    """Make a slider of one deformation, which is its end; the range goes as far to the other side of no effect.
 
     Examples
     --------
@@ -109,5 +109,5 @@ def _degrees(value: str, text: str) -> str:
 
 
 def words_of(sliders: Sequence[Slider], values: Sequence[float]) -> str:
-    """Say values as ``move --deform`` has them; empty where all are neutral."""
+    """Write values in the words of ``move --deform``; empty if all are neutral."""
     return "+".join(each.words(value) for each, value in zip(sliders, values) if value != each.neutral)

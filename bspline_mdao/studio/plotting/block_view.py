@@ -1,4 +1,4 @@
-"""What pictures show of a grid of blocks."""
+"""Pictures of a grid of blocks."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class BlockView(View):
 
     @property
     def kinds(self) -> Mapping[str, str]:
-        """Those of the patches."""
+        """Kinds of the patches."""
         return {patch.name: patch.kind for patch in self.state.grid.patches}
 
     @property
@@ -39,7 +39,7 @@ class BlockView(View):
         return 1 in {n for shape in self.state.grid.shapes for n in shape}
 
     def knows(self, name: str) -> bool:
-        """No other surfaces have names."""
+        """False: no other surfaces have names."""
         return False
 
     def sheets(self, surfaces: Sequence[str], look: FieldStyle | None) -> list[AnySheet]:

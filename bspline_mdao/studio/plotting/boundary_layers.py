@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 __all__ = ["draw_first_heights", "draw_wall_cells"]
 
 REACH = {"leading edge": 30.0, "trailing edge": 40.0, "tip": 40.0}
-"""Half the width of what is shown of each edge, relative to the median height of the first cells."""
+"""Half the width of the view of each edge, relative to the median height of the first cells."""
 
 HEIGHT_RANGE = (0.4, 2.5)
-"""Range of what is shown of the heights; others are at its ends."""
+"""Range of the heights that are shown; others are at its ends."""
 
 
 def draw_wall_cells(
     folder: str | os.PathLike, name: str, grid: Grid | MixedMesh | MeshModel, moved: Mapping[str, np.ndarray]
 ) -> None:
-    """Draw the cells at half the span about both edges of a wing, and at half the chord about its tip.
+    """Draw the cells at both edges of a wing at half its span, and at its tip at half its chord.
 
     Parameters
     ----------
@@ -38,9 +38,9 @@ def draw_wall_cells(
     name : str
         File name without extension.
     grid : Grid, MixedMesh or MeshModel
-        The grid before the move, with patches; of a mesh without structure, slices through its cells are drawn.
+        The grid before the move, with patches; for an unstructured mesh, slices through its cells are drawn.
     moved : mapping of str to ndarray, each of shape (n_nodes, 3)
-        Nodes (m) by what made them. Cells that are inverted, of a grid those in the plane of the picture, are red.
+        Nodes (m), by the name of the mover. Inverted cells are red; for a grid, those in the plane of the picture.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def draw_wall_cells(
 
 
 def draw_first_heights(folder: str | os.PathLike, name: str, ratios: Mapping[str, Mapping[str, np.ndarray]]) -> None:
-    """Draw how the heights of first cells, relative to those before the move, are distributed.
+    """Draw the distribution of the heights of first cells relative to the heights before the move.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def draw_first_heights(folder: str | os.PathLike, name: str, ratios: Mapping[str
     name : str
         File name without extension.
     ratios : mapping of str to mapping of str to ndarray
-        The ratios of all wall nodes by what was asked, and by the way that it was done.
+        The ratios at all wall nodes, by the deformation and by the mover.
 
     Raises
     ------

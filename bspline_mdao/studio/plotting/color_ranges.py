@@ -1,4 +1,4 @@
-"""Ranges of colours with round ends, and colours on both sides of zero."""
+"""Colour ranges with round ends, and colours on both sides of zero."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def round_ticks(
 def colors_about_zero(
     low: float,
     high: float,  # larger than low
-) -> list[tuple[float, str]]:  # parts of the range from low to high, rising from 0 to 1, and colours there
+) -> list[tuple[float, str]]:  # fractions of the range from low to high, rising from 0 to 1, and colours there
     """Blue below zero, white at zero and red above it, as strong at -x as at x."""
     places = np.linspace(-1.0, 1.0, len(BLUE_TO_RED)) * max(-low, high)
     inside = places[(places > low) & (places < high)]

@@ -45,12 +45,12 @@ def cut_lines(
 
 
 def _segments(points: np.ndarray, quads: np.ndarray, axis: int, place: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points where a plane cuts edges of the triangles of quads, (n, 3), and two of them for each that is cut."""
+    """Points where a plane cuts edges of the triangles of quads, (n, 3), and two of them for each cut triangle."""
     heights = points[:, axis] - place
     triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     above = heights[triangles] > 0.0
     triangles, above = (array[above.any(axis=1) & ~above.all(axis=1)] for array in (triangles, above))
-    # the corner that is alone on its side first
+    # the corner on its own side of the plane first
     alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
     turned = np.take_along_axis(triangles, (alone[:, None] + np.arange(3)) % 3, axis=1)
     edges = np.sort(np.stack([turned[:, [0, 0]], turned[:, 1:]], axis=-1), axis=-1).reshape(-1, 2)

@@ -1,6 +1,6 @@
-"""Cells at both edges of a wing, at half its span, and at its tip, by the kind of the grid.
+"""Cells at both edges of a wing at half its span, and at its tip, by the kind of the grid.
 
-x points downstream, and the span is along the longer one of the other sides of the box of the walls.
+x points downstream, and the span is along the longer of the other sides of the walls' box.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from .mesh_view import MeshView
 __all__ = ["EdgeCells", "EdgePicture", "edge_cells_of"]
 
 NEAR_TIP = 0.9
-"""Part of the span outside of which the grid surface through the tip is looked for."""
+"""Fraction of the span beyond which the grid surface through the tip is searched for."""
 
 SIDES = {"leading edge": -1.0, "trailing edge": 1.0, "tip": 1.0}
-"""Edges, and to which side of the wall each is in the direction of its picture."""
+"""Edges, and the side of the wall on which each lies in its picture."""
 
 
 class EdgePicture(NamedTuple):
     """Cells about an edge, in the coordinates of its picture (m)."""
 
     good: Sequence[np.ndarray]  # each (n_corners, 2), cells, or edges of cells in a slice
-    bad: Sequence[np.ndarray]  # the same of inverted cells
+    bad: Sequence[np.ndarray]  # same for inverted cells
     walls: Sequence[np.ndarray]  # each (n, 2), lines of the wall
     centre: np.ndarray  # (2,), the edge
 
@@ -45,7 +45,7 @@ class EdgePicture(NamedTuple):
 class EdgeCells(ABC):
     """Cells about the edges of a wing."""
 
-    edges: tuple[str, ...]  # names of the edges that there are
+    edges: tuple[str, ...]  # names of the available edges
     height: float  # median of the heights of first cells on the baseline (m)
 
     @abstractmethod
@@ -53,19 +53,19 @@ class EdgeCells(ABC):
         self,
         edge: str,  # one of the edges
         nodes: np.ndarray,  # (n_nodes, 3), nodes (m)
-        reach: float,  # how far around the edge cells are wanted (m)
+        reach: float,  # how far around the edge cells are shown (m)
     ) -> EdgePicture:
-        """Cells about an edge with nodes."""
+        """Cells around an edge with nodes."""
 
 
 @singledispatch
 def edge_cells_of(grid: Any, state: Snapshot) -> EdgeCells:
-    """Take the cells of a state with a grid about the edges of its walls."""
+    """Take the cells of a state with a grid around the edges of its walls."""
     raise InputError(f"cells at the walls of a {type(grid).__name__} are not known; give a Grid or a MixedMesh")
 
 
 class _Directions:
-    """Axes of the pictures, and where they are taken, of a wing's walls."""
+    """Axes and places of the pictures of a wing's walls."""
 
     def __init__(self, walls: np.ndarray):  # (n, 3), nodes of the walls (m)
         extent = np.ptp(walls, axis=0)
@@ -96,7 +96,7 @@ class _BlockEdges(EdgeCells):
         self.edges = tuple(self.surfaces)
 
     def around(self, edge: str, nodes: np.ndarray, reach: float) -> EdgePicture:
-        """Cells of the grid surfaces; they are inverted where they turn the other way than most."""
+        """Cells of the grid surfaces; they are inverted if they turn the other way than most."""
         blocks, seen = self.grid.with_vector(nodes.ravel()).blocks, self.directions.seen(edge)
         flat = [_surface(blocks[w.block].nodes, w, *place)[..., seen] for w, place in self.surfaces[edge]]
         walls = [surface[:, 0] for surface in flat]
@@ -114,7 +114,7 @@ class _BlockEdges(EdgeCells):
 
 
 class _MeshEdges(EdgeCells):
-    """Slices through the cells of a mesh without structure."""
+    """Slices through the cells of an unstructured mesh."""
 
     def __init__(self, mesh: MixedMesh, kinds: Mapping[str, str]):
         self.mesh = mesh
@@ -130,7 +130,7 @@ class _MeshEdges(EdgeCells):
         self.edges = tuple(SIDES)[: 2 if mesh.n_copies > 1 else 3]
 
     def around(self, edge: str, nodes: np.ndarray, reach: float) -> EdgePicture:
-        """Edges of cells in the slice, and those of inverted cells."""
+        """Edges of cells in the slice, and edges of inverted cells."""
         at, seen = self.directions, self.directions.seen(edge)
         axis, place = (0, at.of_tip) if edge == "tip" else (at.span, at.middle)
         walls = [line[:, seen] for line in cut_lines(nodes, self.walls, axis, place)]
@@ -173,7 +173,7 @@ def _surfaces(
 
 
 def _surface(nodes: np.ndarray, window: Window, direction: int, index: int) -> np.ndarray:
-    """Grid surface of a block that leaves the wall along a line of it, shape (n, m, 3), the wall first."""
+    """Grid surface of a block that leaves the wall along one of its lines, shape (n, m, 3), the wall first."""
     flat = window.shape.index(1)
     part: list[slice | int] = list(window.slices)
     part[flat] = slice(None) if window.lo[flat] == 0 else slice(None, None, -1)

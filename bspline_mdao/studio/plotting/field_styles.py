@@ -1,4 +1,4 @@
-"""Surfaces and fields that pictures show, by the names that users give."""
+"""Surfaces and fields of pictures, by the names that users type."""
 
 from __future__ import annotations
 
@@ -17,35 +17,19 @@ SURFACES = {
     "control mesh": ("control mesh",),
     "lattice": ("lattice",),
 }
-"""Names of surfaces, and the kinds of sheets that they are."""
+"""Names of surfaces, and the kinds of sheets they consist of."""
 
 
 @dataclass(frozen=True)
 class FieldStyle:
-    """How a field is drawn: label, colours and surfaces.
+    """How a field is drawn: label, colours and surfaces."""
 
-    Parameters
-    ----------
-    field : str
-        Its name on sheets.
-    label : str
-        What the colour bar says.
-    colors : str
-        Colour map of matplotlib.
-    is_of_flow : bool
-        Whether it needs a problem that has run.
-    surfaces : tuple of str
-        What is coloured where no surface is named.
-    is_about_zero : bool
-        Whether it has two signs: zero is white then, and ``colors`` is of no account.
-    """
-
-    field: str
-    label: str
-    colors: str
-    is_of_flow: bool = False
-    surfaces: tuple[str, ...] = ("walls", "symmetry")
-    is_about_zero: bool = False
+    field: str  # its name on sheets
+    label: str  # on the colour bar
+    colors: str  # colour map of matplotlib
+    is_of_flow: bool = False  # whether it needs a problem that has been run
+    surfaces: tuple[str, ...] = ("walls", "symmetry")  # what is coloured if no surface is named
+    is_about_zero: bool = False  # whether zero is white; ``colors`` is unused then
 
     def color_map(self, limits: tuple[float, float]) -> Any:
         """Colour map of matplotlib, or its name, for a range."""
@@ -73,4 +57,4 @@ MESH_STYLES = {
     "displacement": FieldStyle("displacement", "displacement (m)", "magma_r"),
     "patch": FIELD_STYLES["patch"],
 }
-"""Fields of meshes without structure."""
+"""Fields of unstructured meshes."""

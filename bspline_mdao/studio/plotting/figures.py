@@ -1,4 +1,4 @@
-"""Figures in one style, written as PNG files, and what all pictures share."""
+"""Figures in one style, written as PNG files, and the settings that all pictures share."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ...base.extras import library
 __all__ = ["BLUE", "GRAY", "GREEN", "ORANGE", "PURPLE", "RED", "draw_net", "figure", "net_quads", "require"]
 
 BLUE, ORANGE, GREEN, RED, PURPLE, GRAY = "#0072b2", "#d55e00", "#009e73", "#cc3311", "#7b4f9d", "#666666"
-"""Colours that differ for the colour-blind as well."""
+"""Colours that the colour-blind can distinguish."""
 
 STYLE = {
     "font.family": "STIXGeneral",
@@ -31,28 +31,11 @@ STYLE = {
 
 
 NEED = {"pictures": "pictures need", "report": "a report needs"}
-"""How messages begin that name what is missing, by the extra that has it."""
+"""Beginning of messages about missing libraries, by the extra that installs them."""
 
 
 def require(name: str = "matplotlib", extra: str = "pictures") -> Any:
-    """Import a module that draws, or makes pages.
-
-    Parameters
-    ----------
-    name : str
-        Name of the module.
-    extra : {"pictures", "report"}
-        What installs it.
-
-    Returns
-    -------
-    module
-
-    Raises
-    ------
-    InputError
-        If it is not installed.
-    """
+    """Import a module that draws or makes pages; `InputError` with the extra that installs it if it is missing."""
     return library(name, f"{NEED[extra]} {name.partition('.')[0]}", extra)
 
 
@@ -65,14 +48,14 @@ def figure(
     Parameters
     ----------
     folder : path-like
-        Folder to write to, made if need be.
+        Folder to write to, created if needed.
     name : str
         File name without extension.
     size : tuple of float
         Width and height in inches.
     n_colours : int, optional
-        Colours of the file, at most 256: with few, pictures of many thin lines take a third of the bytes. All by
-        default.
+        Number of colours of the file, at most 256: with few, pictures of many thin lines take a third of the bytes. All
+        colours by default.
 
     Yields
     ------
@@ -83,7 +66,7 @@ def figure(
     InputError
         If matplotlib is not installed.
     """
-    make_figure = require("matplotlib.figure").Figure  # without pyplot: needs no display and keeps no state
+    make_figure = require("matplotlib.figure").Figure  # without pyplot: it needs no display and keeps no state
     with require().rc_context(STYLE):
         canvas = make_figure(figsize=size, layout="constrained")
         yield canvas
@@ -104,7 +87,7 @@ def draw_net(axes: Any, points: np.ndarray, **style: Any) -> None:
     axes : matplotlib.axes.Axes
         Where to draw.
     points : ndarray, shape (n, m, 2)
-        The net, such as grid lines of a face in a coordinate plane. Lines end where a point is not a number.
+        The net, such as grid lines of a face in a coordinate plane. Lines end at points that are NaN.
     **style
         Keywords of ``plot``.
     """
@@ -115,6 +98,6 @@ def draw_net(axes: Any, points: np.ndarray, **style: Any) -> None:
 def net_quads(
     points: np.ndarray,  # (n, m, d), the net
 ) -> np.ndarray:  # ((n - 1) (m - 1), 4, d)
-    """Give the corners of the quadrilaterals of a net, in turn around each."""
+    """Corners of the quadrilaterals of a net, in order around each."""
     corners = (points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:])
     return np.stack(corners, axis=2).reshape(-1, 4, points.shape[-1])

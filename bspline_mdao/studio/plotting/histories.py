@@ -9,14 +9,14 @@ import numpy as np
 
 from .figures import BLUE, GREEN, ORANGE, PURPLE
 
-if TYPE_CHECKING:  # the framework is not needed to draw
+if TYPE_CHECKING:  # OpenMDAO is not needed to draw
     from ...core.om.drivers.recorded_run import RecordedRun
 
 __all__ = ["draw_history", "draw_optimality", "driver_styles"]
 
 
 def driver_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Give the lines of every driver a colour and a width: a wide orange one, and a thin blue one that lies on it.
+    """Give the lines of every driver a colour and a width: a wide orange one, and a thin blue one on top of it.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def draw_history(
     label : str
         Label of the axis.
     function : callable
-        What is drawn of the values, shape (n,), such as their error.
+        Function of the values, shape (n,), that is drawn, such as their error.
     log : bool
         Whether the axis is logarithmic.
     """
@@ -66,9 +66,9 @@ def draw_history(
 
 
 def draw_optimality(axes: Any, runs: Mapping[str, RecordedRun]) -> None:
-    """Draw the optimality of every driver, relative to that of its first gradient, and the violations of constraints.
+    """Draw the optimality of every driver, relative to its first gradient, and the violations of constraints.
 
-    The axis ends at the decade of the smallest optimality: violations below it are not seen, nor those that are zero.
+    The axis ends at the decade of the smallest optimality: smaller violations, and zeros, are not visible.
 
     Parameters
     ----------

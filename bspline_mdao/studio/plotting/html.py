@@ -1,4 +1,4 @@
-"""What a notebook shows of an object: a small table, and a picture where that is quick."""
+"""Notebook views of objects: a small table, and a picture if it can be drawn quickly."""
 
 from __future__ import annotations
 
@@ -27,28 +27,17 @@ from .view import view_of
 __all__ = ["html_of"]
 
 MOST_FACES = 4000
-"""Faces of a picture, at most: where there are more, lines of the grid are left out, so that it takes a moment."""
+"""Largest number of faces in a picture: grid lines are left out above it, so that it takes a moment."""
 
 LARGEST = 2_000_000
-"""Nodes of a grid, at most, that is drawn at all."""
+"""Largest number of nodes of a grid that is drawn at all."""
 
 INCHES = (3.4, 2.3)
 """Size of a picture."""
 
 
 def html_of(what: Any) -> str:
-    """Write a table of an object, with a picture beside it where that is quick.
-
-    Parameters
-    ----------
-    what : FittedModel, MeshModel, Grid or QualityReport
-        The object.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """HTML table of a model, grid or report of quality, with a picture next to it if it can be drawn quickly."""
     rows, picture = _rows(what), ""
     try:
         if importlib.util.find_spec("matplotlib") is not None:
@@ -92,7 +81,7 @@ def _rows(what: Any) -> Iterable[tuple[str, Any]]:
 def _grid_rows(
     source: str, shapes: Sequence[tuple[int, ...]], n_nodes: int, patches: Sequence[Patch]
 ) -> Iterable[tuple[str, Any]]:
-    """What is known of every grid."""
+    """Rows for any grid."""
     yield "grid", source
     yield "blocks", f"{len(shapes)}"
     yield "nodes", f"{n_nodes:,}"
@@ -106,7 +95,7 @@ def _drawn(what: FittedModel | MeshModel | Grid) -> str:
     state = Snapshot.of(what)
     view = view_of(state.grid, state)
     if not view.kinds and not view.is_planar:
-        return ""  # to find what no block continues may take long
+        return ""  # finding faces without a neighbour may take long
     sheets = [sheet for sheet in view.sheets((), None) if sheet.kind in ("wall", "symmetry")]
     n_faces = sum(len(sheet.quads) for sheet in sheets)
     sheets = [_thinned(sheet, n_faces) for sheet in sheets]
@@ -115,7 +104,7 @@ def _drawn(what: FittedModel | MeshModel | Grid) -> str:
 
 
 def _thinned(sheet: AnySheet, n_faces: int) -> AnySheet:
-    """Fewer faces of a sheet, where all have many: every so manieth line, its edges among them, or larger triangles."""
+    """Fewer faces of a sheet, at the same step for all: every n-th line, its edges among them, or larger triangles."""
     if isinstance(sheet, Sheet):
         step = max(1, int(np.ceil(np.sqrt(n_faces / MOST_FACES))))
         rows, columns = (np.unique(np.append(np.arange(0, n, step), n - 1)) for n in sheet.points.shape[:2])

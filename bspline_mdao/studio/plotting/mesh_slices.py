@@ -1,4 +1,4 @@
-"""Slices through the cells of a mesh without structure."""
+"""Slices through the cells of an unstructured mesh."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ __all__ = ["mesh_slice"]
 def mesh_slice(
     mesh: MixedMesh,
     nodes: np.ndarray,  # (n_points, 3), its nodes (m)
-    axis: int,  # axis across the slice
+    axis: int,  # axis normal to the slice
     place: float,  # where it is (m)
-    box: np.ndarray,  # (2, 3), lower and upper corner of what is wanted (m)
-    of: np.ndarray | None = None,  # bool (n_cells,), cells whose edges are wanted; all by default
+    box: np.ndarray,  # (2, 3), lower and upper corner of the box to show (m)
+    of: np.ndarray | None = None,  # bool (n_cells,), cells whose edges are returned; all by default
 ) -> np.ndarray:  # (n, 2, 3), ends of the edges (m)
-    """Edges of the cells in a slice; those of a file of two dimensions are its own."""
+    """Edges of the cells in a slice; all edges for a two-dimensional file."""
     faces, cells = mesh.cell_faces
     faces = faces if of is None else faces[of[cells]]
     if mesh.n_copies > 1:

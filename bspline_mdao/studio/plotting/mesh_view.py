@@ -1,6 +1,6 @@
-"""What pictures show of a mesh without structure: markers, the lattice, and slices through its cells.
+"""Pictures of an unstructured mesh: markers, the lattice, and slices through its cells.
 
-A mesh of two dimensions is drawn thin, seen across its plane, however wide the cells are that it was given.
+A two-dimensional mesh is drawn thin and seen across its plane, whatever the width of its cells.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from .view import View, view_of
 __all__ = ["MeshView"]
 
 SLICE = re.compile(r"slice ([xyz]) *= *([-+0-9.eE]+)")
-"""How a slice is named: its axis, and where it is (m)."""
+"""Syntax of a slice: its axis, and its coordinate (m)."""
 
 THIN = 0.005
-"""Width of a mesh of two dimensions as it is drawn, by the size of its walls."""
+"""Drawn width of a two-dimensional mesh, relative to the size of its walls."""
 
 NEAR_SPANS = 1.5
-"""How far around the walls the lattice is drawn, in its narrowest spans."""
+"""How far around the walls the lattice is drawn, in units of its narrowest spans."""
 
 
 class MeshView(View):
@@ -48,19 +48,19 @@ class MeshView(View):
 
     @cached_property
     def kinds(self) -> Mapping[str, str]:
-        """Those of the model, or guesses."""
+        """Kinds from the model, or guesses."""
         if self.model is not None:
             return self.model.kinds
         return {name: guess.kind for name, guess in marker_kinds(self.mesh, None).items()}
 
     @property
     def is_planar(self) -> bool:
-        """Whether it is of two dimensions."""
+        """Whether it is two-dimensional."""
         return self.mesh.n_copies > 1
 
     @property
     def across(self) -> int | None:
-        """Axis across its plane, if it is of two dimensions."""
+        """Axis normal to its plane, if it is two-dimensional."""
         points = self.mesh.points
         return int(np.argmax(np.abs(points[self.mesh.n_stored] - points[0]))) if self.is_planar else None
 
@@ -70,7 +70,7 @@ class MeshView(View):
 
     @cached_property
     def _judge(self) -> MixedQuality:
-        """What judges the cells, by those before."""
+        """The quality measures of the cells, relative to the baseline."""
         before = self.mesh if self.model is None else self.model.mesh
         faces = [before.into_fluid(part) for name, part in (before.markers or {}).items() if self.kinds[name] == "wall"]
         return MixedQuality.of(before, np.concatenate([np.zeros((0, 4), dtype=int), *faces]))
@@ -92,7 +92,7 @@ class MeshView(View):
         return [faces for name, faces in (self.mesh.markers or {}).items() if self.kinds[name] == kind]
 
     def sheets(self, surfaces: Sequence[str], look: FieldStyle | None) -> list[AnySheet]:
-        """Markers, the plane of a mesh of two dimensions, slices and the lattice."""
+        """Markers, the plane of a two-dimensional mesh, slices and the lattice."""
         faces, cells = self.mesh.cell_faces
         parts = []
         for name, marked in (self.mesh.markers or {}).items():
@@ -116,7 +116,7 @@ class MeshView(View):
         return face_keys(self.mesh.cell_faces[0], self.mesh.n_points)
 
     def _slice(self, name: str) -> np.ndarray:
-        """Faces between the cells whose middles are on either side of a plane, as cells below have them."""
+        """Faces between cells whose centres are on either side of a plane, as oriented from the cells below it."""
         match = SLICE.fullmatch(name)
         assert match is not None  # `knows` has asked
         axis, place = "xyz".index(match[1]), float(match[2])
@@ -156,7 +156,7 @@ class MeshView(View):
         return wall_heights(self._judge, self.mesh.points)
 
     def _lattice(self) -> FacetSheet:
-        """Two families of layers of the lattice around the walls, which have all of its edges."""
+        """Two families of layers of the lattice around the walls, which contain all of its edges."""
         if self.model is None or self.state.control_points is None:
             raise InputError(f"{self.title}: a mesh has no lattice; fit it first: fit_mesh(file).plot('lattice')")
         lattice = self.model.lattice

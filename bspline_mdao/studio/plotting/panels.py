@@ -1,4 +1,4 @@
-"""What a picture shows: surfaces, the field that colours them, and from where they are seen."""
+"""Contents of a picture: surfaces, the field that colours them, and the viewpoint."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...flow.om.snapshots import Snapshot
-from . import block_view, mesh_view  # noqa: F401 - each registers what it knows
+from . import block_view, mesh_view  # noqa: F401 - each registers its views
 from .field_styles import SURFACES, FieldStyle
 from .scenes import Camera
 from .surfaces import AnySheet
@@ -20,33 +20,21 @@ __all__ = ["Panel", "camera_of", "sheets_of"]
 
 
 TILT = 0.1
-"""Slope from which a mesh of two dimensions is seen, so that its walls are."""
+"""Slope from which a two-dimensional mesh is seen, so that its walls are visible."""
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One of several pictures side by side.
-
-    Parameters
-    ----------
-    sheets : list of Sheet or FacetSheet
-        What is in it.
-    marks : ndarray, shape (n, 3)
-        Points that are marked (m).
-    title : str
-        What stands above it.
-    across : int, optional
-        Axis across the plane of a mesh of two dimensions, which is seen along it.
-    """
+    """One of several pictures side by side."""
 
     sheets: list[AnySheet]
-    marks: np.ndarray
+    marks: np.ndarray  # (n, 3), points that are marked (m)
     title: str
-    across: int | None = None
+    across: int | None = None  # axis normal to the plane of a two-dimensional mesh, which is seen along it
 
     @classmethod
     def of(cls, state: Snapshot, surfaces: Sequence[str], look: FieldStyle | None, worst: int) -> Panel:
-        """Cut what is wanted out of a state."""
+        """Cut the requested surfaces out of a state."""
         view = view_of(state.grid, state)
         return cls(_found(view, surfaces, look), view.marks(look, worst), state.title, view.across)
 
@@ -57,9 +45,9 @@ def sheets_of(what: Any, surfaces: Sequence[str], look: FieldStyle | str | None 
     Parameters
     ----------
     what : Grid, MixedMesh, FittedModel, MeshModel, openmdao.api.Problem or Snapshot
-        What is looked at.
+        What to look at.
     surfaces : sequence of str
-        Keys of `SURFACES`, names of patches, and of meshes without structure ``"slice z=0.4"``.
+        Keys of `SURFACES`, names of patches, and for unstructured meshes ``"slice z=0.4"``.
     look : FieldStyle or str, optional
         One of `FIELD_STYLES`, or its key.
 
@@ -70,7 +58,7 @@ def sheets_of(what: Any, surfaces: Sequence[str], look: FieldStyle | str | None 
     Raises
     ------
     InputError
-        If there is nothing of the kind.
+        If there is no such surface or field.
     """
     state = Snapshot.of(what)
     view = view_of(state.grid, state)
@@ -78,7 +66,7 @@ def sheets_of(what: Any, surfaces: Sequence[str], look: FieldStyle | str | None 
 
 
 def _found(view: View, surfaces: Sequence[str], look: FieldStyle | None) -> list[AnySheet]:
-    """Sheets that are wanted of all that there are."""
+    """The requested sheets among all."""
     every = view.sheets(surfaces, look)
     kinds = {kind for name in surfaces for kind in SURFACES.get(name, ())}
     found = [sheet for sheet in every if sheet.kind in kinds or sheet.name in surfaces]
@@ -96,25 +84,7 @@ def camera_of(
     size: tuple[float, float] = (1200, 800),
     focus: Sequence[float] | None = None,
 ) -> Camera:
-    """Find a place from which all panels are seen: in front of the middle of the walls, from outside.
-
-    Parameters
-    ----------
-    panels : sequence of Panel
-        What is seen.
-    direction, up : sequence of three float, optional
-        See `plot`.
-    zoom : float
-        See `plot`.
-    size : tuple of float
-        Width and height, of which the ratio counts.
-    focus : sequence of three float, optional
-        See `plot`.
-
-    Returns
-    -------
-    Camera
-    """
+    """Find a viewpoint for all panels: in front of the middle of the walls, from outside. Parameters as in `plot`."""
     sheets = [sheet for panel in panels for sheet in panel.sheets]
     inner = [s for s in sheets if s.kind in ("wall", "lattice", "control mesh")] or sheets
     points = np.concatenate([sheet.corners for sheet in inner])
@@ -143,7 +113,7 @@ def _three(vector: np.ndarray) -> tuple[float, float, float]:
 
 
 def _from_outside(box: np.ndarray, up: np.ndarray, planes: Sequence[AnySheet], middle: np.ndarray) -> np.ndarray:
-    """Direction from the nose, above and, beside a plane of symmetry, the side where the body is."""
+    """Direction from the nose, from above, and from the side of the body next to a plane of symmetry."""
     rise = int(np.argmax(np.abs(up)))
     along, across = [d for d in range(3) if d != rise]
     if planes:

@@ -1,7 +1,7 @@
-"""One call to look at a grid, a fitted grid or a problem that has run: as PNG, in a window, in a notebook.
+"""One call to plot a grid, a fitted grid or a problem that has been run: as PNG, in a window, in a notebook.
 
-PyVista renders where it can; matplotlib draws the same sheets where there is no OpenGL, and for the small pictures that
-notebooks show beside a table.
+PyVista renders if it can. Matplotlib draws the same sheets without OpenGL, and the small pictures that notebooks show
+next to a table.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .view import view_of
 __all__ = ["draw_panel", "plot"]
 
 MOST_MARKED = 10
-"""Worst cells that are marked in pictures of the quality."""
+"""Number of worst cells that are marked in pictures of the quality."""
 
 
 def plot(
@@ -46,49 +46,49 @@ def plot(
     lines: bool = True,
     worst: int = MOST_MARKED,
 ) -> Any:
-    """Plot a grid, a fitted grid, or a problem that has run.
+    """Plot a grid, a fitted grid, or a problem that has been run.
 
     Parameters
     ----------
     what : Grid, MixedMesh, FittedModel, MeshModel, openmdao.api.Problem or Snapshot
-        What to look at. Of a problem, the grid and the flow that it has now.
+        What to look at. For a problem, the current grid and flow.
     show : str or sequence of str, optional
         Surfaces: ``"walls"``, ``"symmetry"``, ``"farfield"``, ``"boundary"`` (all of these), ``"control mesh"``, and
         names of patches; and one field that colours them: ``"quality"``, ``"corner"``, ``"wall height"``, ``"block"``,
-        ``"patch"``, and of a flow ``"Cp"``, ``"Mach"``, ``"entropy"``, ``"total pressure loss"``, or
-        of a `LatticeFlow` ``"delta_Cp"`` on its ``"lattice"``. Meshes without structure have slices besides, such as
+        ``"patch"``, and for a flow ``"Cp"``, ``"Mach"``, ``"entropy"``, ``"total pressure loss"``, or
+        for a `LatticeFlow` ``"delta_Cp"`` on its ``"lattice"``. Unstructured meshes also have slices, such as
         ``"slice z=0.4"``, and the fields ``"quality"`` (the non-orthogonality), ``"pyramid"`` (the smallest pyramid of
-        each cell by that before), ``"displacement"``, ``"wall height"`` and ``"patch"``. By default ``Cp``
-        where there is a flow, walls, symmetry plane and control mesh of a fitted grid, and otherwise walls and
-        symmetry plane, or the whole boundary where nothing is declared.
+        each cell relative to the baseline), ``"displacement"``, ``"wall height"`` and ``"patch"``. By default ``Cp``
+        if there is a flow; walls, symmetry plane and control mesh for a fitted grid; and otherwise walls and symmetry
+        plane, or the whole boundary if no patches are declared.
     file : path-like, optional
         PNG file to write, instead of a window.
     before : as ``what``, optional
-        What it was before: shown beside it, at the left, in the same colours. ``True`` stands for the fitted grid that
-        a problem began with.
+        The state before, shown on the left in the same colours. ``True`` stands for the fitted grid that a problem
+        started from.
     direction, up : sequence of three float, optional
-        From where, seen from the middle, and which way is up; by default from the front, above and outside, with the
-        shortest side of the walls' box up.
+        Direction from the middle to the viewer, and the upward direction. By default the view is from the front, above
+        and outside, with the shortest side of the walls' box up.
     zoom : float
-        Larger than 1 to see less, in larger.
+        Larger than 1 to show less, enlarged.
     focus : sequence of three float, optional
-        What is in the middle of the picture (m); by default the middle of the walls.
+        Centre of the picture (m); by default the middle of the walls.
     size : tuple of int
         Width and height of the picture, in pixels; twice as wide with ``before``.
     lines : bool
-        Whether lines of the grid are drawn.
+        Whether grid lines are drawn.
     worst : int
-        Cells with the smallest corners that are marked in pictures of ``"quality"`` and ``"corner"``.
+        Number of cells with the smallest corners to mark in pictures of ``"quality"`` and ``"corner"``.
 
     Returns
     -------
     pathlib.Path or pyvista.Plotter or None
-        The file, if there is one; else the plotter of the window, or what a notebook shows.
+        The file, if one is given; else the plotter of the window, or what a notebook shows.
 
     Raises
     ------
     InputError
-        If there is nothing of the kind to see, the file is no PNG, or the libraries that draw are missing.
+        If there is no such surface or field, the file is not a PNG file, or the plotting libraries are missing.
 
     Examples
     --------
@@ -120,7 +120,7 @@ def plot(
 
 
 def _before(what: Any, before: Any) -> Snapshot | None:
-    """What was before, if that is asked for."""
+    """The state before, if requested."""
     if before is None or before is False:
         return None
     if before is True:
@@ -133,7 +133,7 @@ def _before(what: Any, before: Any) -> Snapshot | None:
 
 
 def _wanted(state: Snapshot, show: str | Sequence[str] | None) -> tuple[tuple[str, ...], FieldStyle | None]:
-    """Surfaces and field that are asked for."""
+    """The requested surfaces and field."""
     view = view_of(state.grid, state)
     names = [show] if isinstance(show, str) else list(show or ())
     styles, known = view.styles, {*view.kinds}
@@ -158,7 +158,7 @@ def _wanted(state: Snapshot, show: str | Sequence[str] | None) -> tuple[tuple[st
 
 
 def _limits(panels: Sequence[Panel], look: FieldStyle | None) -> tuple[float, float]:
-    """Range of the colours: that of all panels."""
+    """Range of the colours, over all panels."""
     if look is None:
         return 0.0, 1.0
     arrays = [
@@ -168,7 +168,7 @@ def _limits(panels: Sequence[Panel], look: FieldStyle | None) -> tuple[float, fl
     values = values[np.isfinite(values)]
     if not values.size:
         raise InputError(f"{panels[-1].title}: no {look.label} on what is shown; add the walls")
-    if look.is_of_flow:  # one cell at a sharp edge does not take all colours
+    if look.is_of_flow:  # a single cell at a sharp edge must not take up the whole range
         low, high = np.quantile(values, [0.002, 0.998])
     else:
         low, high = values.min(), values.max()
@@ -185,7 +185,7 @@ def _limits(panels: Sequence[Panel], look: FieldStyle | None) -> tuple[float, fl
 
 
 def _show(plotter: Any) -> Any:
-    """Show a plotter: in a notebook, in a window, or nowhere, which is said."""
+    """Show a plotter in a notebook or in a window; an error if there is neither."""
     if _in_notebook():
         try:
             return plotter.show(jupyter_backend="trame" if _has_trame() else "static", return_viewer=True)
@@ -198,14 +198,14 @@ def _show(plotter: Any) -> Any:
 
 
 def has_screen() -> bool:
-    """Tell whether windows can be opened."""
+    """Return whether windows can be opened."""
     import os
 
     return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _has_trame() -> bool:
-    """Whether PyVista has its interactive backend: a package of its own, trame-pyvista, from PyVista 0.48 on."""
+    """Whether PyVista has its interactive backend: a separate package, trame-pyvista, from PyVista 0.48 on."""
     import importlib.util
 
     registered = getattr(require("pyvista"), "registered_jupyter_backends", None)
@@ -229,7 +229,7 @@ def _draw(
     limits: tuple[float, float],
     size: tuple[int, int],
 ) -> None:
-    """Draw panels by matplotlib, where PyVista does not render."""
+    """Draw panels with matplotlib, if PyVista cannot render."""
     inches = (size[0] / 200, size[1] / 200)
     with figure(path.parent, path.stem, inches) as canvas:
         columns = canvas.subplots(1, len(panels), squeeze=False)[0]
@@ -247,7 +247,7 @@ def draw_panel(
     limits: tuple[float, float],
     inches: tuple[float, float],
 ) -> None:
-    """Draw the sheets of a panel into empty axes by matplotlib's polygons."""
+    """Draw the sheets of a panel into empty axes as polygons of matplotlib."""
     painted = [sheet for sheet in panel.sheets if look is not None and look.field in sheet.values]
     rest = [sheet for sheet in panel.sheets if not any(sheet is other for other in painted)]
     walls = [Faces(sheet.corners, sheet.quads) for sheet in rest if sheet.kind == "wall"]

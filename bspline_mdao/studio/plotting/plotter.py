@@ -24,7 +24,7 @@ COLORS = {
     "other": "#d9d4c7",
     "slice": "#eef0f1",
 }
-"""Colours of sheets without a field, by their kind."""
+"""Colours of sheets without a field, by kind."""
 
 LINES, CONTROL = "#2b3238", "#cc3311"
 """Colours of grid lines and of the control mesh."""
@@ -40,34 +40,8 @@ def make_plotter(
     lines: bool = True,
     off_screen: bool = True,
 ) -> Any:
-    """Put sheets into a plotter of PyVista.
-
-    Parameters
-    ----------
-    panels : sequence
-        Pictures side by side, each with ``sheets``, ``marks``, and ``title``.
-    camera : Camera, optional
-        Where they are seen from; by default as `plot` does.
-    look : FieldStyle, optional
-        The field that colours them.
-    limits : tuple of float
-        Range of the colours.
-    size : tuple of int
-        Pixels.
-    lines : bool
-        Whether lines of the grid are drawn.
-    off_screen : bool
-        Whether there is no window.
-
-    Returns
-    -------
-    pyvista.Plotter
-
-    Raises
-    ------
-    InputError
-        If PyVista is not installed.
-    """
+    """Put the sheets of panels into a plotter of PyVista, by default seen as in `plot`; an error without PyVista."""
+    # limits: range of the colours; size: in pixels; lines: whether grid lines are drawn; off_screen: without a window
     pyvista = require("pyvista")
     pyvista.vtk_verbosity("off")
     camera = camera or camera_of(panels, size=size)
@@ -99,21 +73,7 @@ def add_sheets(
     *,
     lines: bool = True,
 ) -> None:
-    """Add sheets to a plotter of PyVista, those of a kind as one mesh.
-
-    Parameters
-    ----------
-    plotter : pyvista.Plotter
-        Where they go.
-    sheets : sequence of Sheet or FacetSheet
-        What is shown.
-    look : FieldStyle, optional
-        The field that colours them.
-    limits : tuple of float
-        Range of the colours.
-    lines : bool
-        Whether lines of the grid are drawn.
-    """
+    """Add sheets to a plotter of PyVista, all of one kind as one mesh."""
     edges = {"show_edges": lines, "edge_color": LINES, "line_width": 0.6, "edge_opacity": 0.55}
     for kind in dict.fromkeys(sheet.kind for sheet in sheets):
         of_kind = [sheet for sheet in sheets if sheet.kind == kind]
@@ -152,7 +112,7 @@ def add_sheets(
 
 
 def _place_ticks(bar: Any, limits: tuple[float, float]) -> None:
-    """Have the labels of a colour bar at round numbers."""
+    """Put the labels of a colour bar at round numbers."""
     ticks = round_ticks(*limits)
     bar.SetCustomLabels(require("pyvista").convert_array(ticks[(ticks >= limits[0]) & (ticks <= limits[1])]))
     bar.SetUseCustomLabels(True)
@@ -169,7 +129,7 @@ def _add_patches(plotter: Any, sheets: Sequence[AnySheet], style: dict) -> None:
 
 
 def as_polydata(sheets: Sequence[AnySheet], field: str | None = None) -> Any:
-    """Join sheets to one mesh of PyVista, with the values of a field on its faces."""
+    """Join sheets into one mesh of PyVista, with the values of a field on its faces."""
     points, quads = joined_sheets(sheets)
     mesh = require("pyvista").PolyData(points, polygons(quads))
     if field is not None:

@@ -30,7 +30,7 @@ def wall_quads(model: FittedModel) -> np.ndarray:
 
 
 def faces_around(quads: np.ndarray, place: float) -> np.ndarray:
-    """Find the strip of wall faces at a place along the span, from the trailing edge over the upper side and back.
+    """Find the strip of wall faces at a station along the span, from the trailing edge over the upper side and back.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def faces_around(quads: np.ndarray, place: float) -> np.ndarray:
         Numbers of the faces.
     """
     across, middle = np.sort(quads[..., 2], axis=1), quads[..., 2].mean(axis=1)
-    # by the middles of the sides that neighbours share, so that those of a twisted wing do not overlap
+    # by the middles of the sides between neighbours, so that faces of a twisted wing do not overlap
     inner, outer = across[:, :2].mean(axis=1), across[:, 2:].mean(axis=1)
     place = middle[np.argmin(np.abs(middle - place))]  # off the lines between strips, which need not be straight
     around = np.flatnonzero((inner <= place) & (place < outer))
@@ -56,7 +56,7 @@ def faces_around(quads: np.ndarray, place: float) -> np.ndarray:
 
 
 def draw_pressures(axes: Any, quads: np.ndarray, pressures: np.ndarray, place: float, **style: Any) -> None:
-    """Draw the pressure coefficients around a place along the span over the chord there.
+    """Draw the pressure coefficients around a station along the span over the chord there.
 
     Parameters
     ----------

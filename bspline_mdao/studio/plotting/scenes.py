@@ -1,4 +1,4 @@
-"""Surfaces with their grid lines, seen in space: rendered by PyVista where that is possible, else by matplotlib."""
+"""Surfaces with their grid lines, seen in space: rendered by PyVista if possible, otherwise drawn by matplotlib."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .figures import RED, net_quads, require
 __all__ = ["Camera", "Faces", "Paint", "Scene", "draw_scene", "has_renderer", "patch_faces", "polygons"]
 
 WALL, PLANE = ("#9fc3e3", "#2b3238"), ("#fbfbfb", "#5d666e")
-"""Colours of the body and of the symmetry plane, each with that of its lines."""
+"""Colours of the body and of the symmetry plane, each with the colour of its lines."""
 
 LIGHT = np.array([-0.35, 0.8, 0.5])
 """Direction towards the light of pictures by matplotlib; PyVista has its own."""
@@ -29,25 +29,17 @@ DISC = np.exp(2j * np.pi * np.arange(16) / 16)
 """Corners of a mark, as complex numbers."""
 
 DPI = 200
-"""Dots per inch of rendered pictures, as of the files that `figure` writes."""
+"""Dots per inch of rendered pictures, the same as in the files of `figure`."""
 
 MARK = 0.0075
 """Radius of a mark, relative to the height of the picture."""
 
 
 class Faces(NamedTuple):
-    """Unstructured faces.
+    """Unstructured faces."""
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        Their points (m).
-    quads : ndarray of int, shape (m, 4)
-        Numbers of the corners of each; triangles have their last corner twice.
-    """
-
-    points: np.ndarray
-    quads: np.ndarray
+    points: np.ndarray  # (n, 3), their points (m)
+    quads: np.ndarray  # int (m, 4), corners of each; triangles repeat their last corner
 
 
 @dataclass(frozen=True)
@@ -75,11 +67,11 @@ class Paint:
     colors: Any = None
 
     def color_map(self) -> Any:
-        """Give the colour map of matplotlib, or its name."""
+        """Return the colour map of matplotlib, or its name."""
         return color_map_about_zero(self.limits) if self.colors is None else self.colors
 
     def mappable(self) -> Any:
-        """Make what matplotlib's ``colorbar`` takes."""
+        """Make the argument of matplotlib's ``colorbar``."""
         return require("matplotlib.cm").ScalarMappable(
             require("matplotlib.colors").Normalize(*self.limits), self.color_map()
         )
@@ -96,7 +88,7 @@ class Scene:
     marks : ndarray, shape (n, 3)
         Points that are marked with red spheres (m).
     line_width : float
-        Of the lines of the nets, in points.
+        Width of the lines of the nets, in points.
     paint : Paint, optional
         Faces in the colours of a scalar.
     """
@@ -115,13 +107,13 @@ class Camera:
     Parameters
     ----------
     focus : tuple of float
-        Point in the middle of the picture (m).
+        Point at the centre of the picture (m).
     direction : tuple of float
         From there towards the camera.
     height : float
-        Of what the picture shows (m).
+        Height of the visible part (m).
     up : tuple of float
-        What is upwards in the picture; y by default.
+        Upward direction of the picture; y by default.
     """
 
     focus: tuple[float, float, float]
@@ -151,7 +143,7 @@ def patch_faces(model: FittedModel, name: str, arrays: Sequence[np.ndarray]) -> 
     name : str
         Beginning of the names of the patches.
     arrays : sequence of ndarray, one per block
-        Of any resolution: nodes of the blocks, control points by ``model.mesh.nets``, or their ids.
+        At any resolution: nodes of the blocks, control points by ``model.mesh.nets``, or their ids.
 
     Returns
     -------
@@ -176,7 +168,7 @@ def draw_scene(axes: Any, scene: Scene, camera: Camera, size: tuple[float, float
     size : tuple of float
         Width and height of the picture in inches.
     by_matplotlib : bool
-        Draw polygons, which is quick for small scenes, even where PyVista renders.
+        Draw polygons, which is fast for small scenes, even if PyVista can render.
 
     Returns
     -------
@@ -202,14 +194,7 @@ def draw_scene(axes: Any, scene: Scene, camera: Camera, size: tuple[float, float
 
 @functools.cache
 def has_renderer() -> bool:
-    """Tell whether PyVista renders here.
-
-    Without an OpenGL library it ends the process, so another process tries, once.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether PyVista renders here: another process tries once, as PyVista ends its process without OpenGL."""
     trial = "import pyvista; p = pyvista.Plotter(off_screen=True); p.add_mesh(pyvista.Sphere()); p.screenshot()"
     done = subprocess.run([sys.executable, "-c", trial], capture_output=True, text=True)
     if done.returncode == 0:
@@ -251,14 +236,14 @@ def _rendered(scene: Scene, camera: Camera, size: tuple[float, float]) -> np.nda
 
 
 def polygons(quads: np.ndarray) -> np.ndarray:
-    """Faces as PyVista takes them: how many corners each has, and these, one after the other."""
+    """Faces as PyVista takes them: the number of corners of each, followed by the corners."""
     n = np.where(quads[:, 2] == quads[:, 3], 3, 4)
     rows = np.column_stack([n, quads])
     return rows[np.arange(5) <= n[:, None]]
 
 
 def _surface(net: np.ndarray | Faces) -> Any:
-    """Turn a net or faces into what PyVista takes."""
+    """Turn a net or faces into a mesh of PyVista."""
     if isinstance(net, Faces):
         return require("pyvista").PolyData(net.points, polygons(net.quads))
     return require("pyvista").StructuredGrid(*np.moveaxis(net[:, :, None], -1, 0))
@@ -296,7 +281,7 @@ def _quads(net: np.ndarray | Faces, camera: Camera, face: str, edge: str, lit: f
     flat = camera.project(corners)
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-300
-    normal *= np.where(normal @ camera.axes()[2] < 0.0, -1.0, 1.0)[:, None]  # the side that is seen
+    normal *= np.where(normal @ camera.axes()[2] < 0.0, -1.0, 1.0)[:, None]  # the visible side
     to_rgb = require("matplotlib.colors").to_rgb
     shade = 1.0 - lit * (1.0 - np.clip(normal @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0))
     faces = shade[:, None] * np.array(to_rgb(face))
@@ -304,14 +289,14 @@ def _quads(net: np.ndarray | Faces, camera: Camera, face: str, edge: str, lit: f
 
 
 def _painted(paint: Paint, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Faces on the picture, their depths and their colours, which are those of their edges too."""
+    """Faces on the picture, their depths, and the colours of faces and edges."""
     flat = camera.project(paint.points[paint.quads])
     colors = paint.mappable().to_rgba(paint.values)[:, :3]
     return flat[..., :2], flat[..., 2].mean(axis=1), colors, colors
 
 
 def _discs(marks: np.ndarray, camera: Camera) -> tuple[np.ndarray, ...]:
-    """Discs in the places of the marks, their depths and the colours of their faces and edges."""
+    """Discs at the marks, their depths and the colours of their faces and edges."""
     flat, radius = camera.project(marks), MARK * camera.height
     polygons = flat[:, None, :2] + radius * np.stack([DISC.real, DISC.imag], axis=-1)
     faces = np.broadcast_to(require("matplotlib.colors").to_rgb(RED), (len(marks), 3))
@@ -319,6 +304,6 @@ def _discs(marks: np.ndarray, camera: Camera) -> tuple[np.ndarray, ...]:
 
 
 def _cut_face(array: np.ndarray, window: Window) -> np.ndarray:
-    """Cut the face on which a window of the grid lies out of an array of any resolution."""
+    """Cut the face that contains a window of the grid out of an array of any resolution."""
     flat = next(d for d in range(3) if window.lo[d] == window.hi[d])
     return np.take(array, 0 if window.lo[flat] == 0 else -1, axis=flat)

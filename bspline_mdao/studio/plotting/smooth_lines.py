@@ -1,4 +1,4 @@
-"""Smooth curves through the points of coarse grids, so that pictures show shapes and not polygons."""
+"""Smooth curves through the points of coarse grids, so pictures show shapes instead of polygons."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from scipy.interpolate import Akima1DInterpolator, CubicSpline
 __all__ = ["curve_through", "outline_through"]
 
 PIECES = 8
-"""Pieces that the curve between two points is drawn of."""
+"""Pieces of the curve between two points."""
 
 CORNER = np.cos(np.radians(60.0))
-"""Cosine of the angle between neighbouring segments from which on an edge is sharp; noses of 32 cells turn by 40."""
+"""Cosine of the angle between segments beyond which an edge is sharp; noses of 32 cells turn by 40 degrees."""
 
 SAME = 1e-6
-"""Distance, relative to the size of an outline, below which points are one."""
+"""Distance, relative to the size of an outline, below which points coincide."""
 
 
 def outline_through(
-    points: np.ndarray,  # (n, d), around a section; of a closed one the last is the first
-) -> np.ndarray:  # (m, d), of a closed one from its last point downstream on
+    points: np.ndarray,  # (n, d), around a section; if it is closed, the last is the first
+) -> np.ndarray:  # (m, d); if it is closed, from its last point downstream on
     """Cubic splines around a section between its sharp edges."""
     is_new = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1] + 1.0), axis=1) > SAME * np.ptp(points)
     line = _from_the_tail(points[is_new], SAME * np.ptp(points))
@@ -36,7 +36,7 @@ def outline_through(
 def curve_through(
     points: np.ndarray,  # (n, d), along an edge or a distribution
 ) -> np.ndarray:  # (m, d)
-    """Modified Akima splines, which leave straight parts straight beside a kink, and add no waves."""
+    """Modified Akima splines, which keep straight parts straight next to a kink and do not overshoot."""
     points = points[np.linalg.norm(np.diff(points, axis=0, prepend=points[:1] + 1.0), axis=1) > 0.0]
     lengths = _lengths(points)
     return Akima1DInterpolator(lengths, points, method="makima")(_dense(lengths)) if len(points) > 2 else points
@@ -48,13 +48,13 @@ def _lengths(points: np.ndarray) -> np.ndarray:
 
 
 def _dense(lengths: np.ndarray) -> np.ndarray:
-    """Places at and between points."""
+    """Parameters at and between points."""
     n = len(lengths)
     return np.interp(np.arange(PIECES * (n - 1) + 1) / PIECES, np.arange(n), lengths)
 
 
 def _from_the_tail(line: np.ndarray, near: float) -> np.ndarray:
-    """A closed line from its last point downstream on; an open one as it is."""
+    """A closed line from its last point downstream on; an open one unchanged."""
     if np.linalg.norm(line[0] - line[-1]) > near:
         return line
     line = np.roll(line[:-1], -int(np.argmax(line[:-1, 0])), axis=0)

@@ -1,6 +1,6 @@
-"""Surfaces to look at: the pieces of the boundary of a grid and the faces of a control mesh, with values on them.
+"""Drawable surfaces: the pieces of the boundary of a grid and the faces of a control mesh, with values on them.
 
-They are arrays alone. `.plot` draws them, and so may anything else.
+They are plain arrays. `.plot` draws them, and other code may do so too.
 """
 
 from __future__ import annotations
@@ -34,27 +34,13 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A structured piece of surface.
+    """A structured piece of surface."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the patch.
-    kind : str
-        Kind of the patch, or ``"control mesh"``.
-    points : ndarray, shape (n, m, 3)
-        Its points (m).
-    window : Window
-        The face window of a block of the grid.
-    values : mapping of str to ndarray of shape (n - 1, m - 1)
-        Fields on its faces, by name.
-    """
-
-    name: str
-    kind: str
-    points: np.ndarray
-    window: Window
-    values: Mapping[str, np.ndarray] = field(default_factory=dict)
+    name: str  # of the patch
+    kind: str  # of the patch, or ``"control mesh"``
+    points: np.ndarray  # (n, m, 3) (m)
+    window: Window  # face window of a block of the grid
+    values: Mapping[str, np.ndarray] = field(default_factory=dict)  # fields on its faces, (n - 1, m - 1)
 
     def __repr__(self) -> str:
         n, m = self.points.shape[:2]
@@ -67,34 +53,20 @@ class Sheet:
 
     @property
     def quads(self) -> np.ndarray:
-        """Numbers of the corners of its faces, in turn around each, shape (n_faces, 4)."""
+        """Numbers of the corners of its faces, in order around each, shape (n_faces, 4)."""
         ids = np.arange(self.points.size // 3).reshape(self.points.shape[:2])
         return np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1).reshape(-1, 4)
 
 
 @dataclass(frozen=True, eq=False)
 class FacetSheet:
-    """A piece of surface of unstructured triangles and quads.
+    """A piece of surface of unstructured triangles and quads."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the patch.
-    kind : str
-        Kind of the patch, ``"control mesh"``, or ``"slice"``.
-    corners : ndarray, shape (n, 3)
-        Its points (m).
-    quads : ndarray of int, shape (m, 4)
-        Numbers of the corners of its faces; triangles have their last corner twice.
-    values : mapping of str to ndarray of shape (m,)
-        Fields on its faces, by name.
-    """
-
-    name: str
-    kind: str
-    corners: np.ndarray
-    quads: np.ndarray
-    values: Mapping[str, np.ndarray] = field(default_factory=dict)
+    name: str  # of the patch
+    kind: str  # of the patch, ``"control mesh"``, or ``"slice"``
+    corners: np.ndarray  # (n, 3), its points (m)
+    quads: np.ndarray  # int (m, 4), corners of its faces; triangles repeat their last corner
+    values: Mapping[str, np.ndarray] = field(default_factory=dict)  # fields on its faces, (m,)
 
     def __repr__(self) -> str:
         values = ", ".join(self.values) or "none"
@@ -105,30 +77,20 @@ AnySheet = Sheet | FacetSheet
 
 
 def joined_sheets(sheets: Sequence[AnySheet]) -> tuple[np.ndarray, np.ndarray]:
-    """Join sheets to one list of quadrilaterals."""
+    """Join sheets into one list of quadrilaterals."""
     # returns points (n, 3): all of their points (m)
-    # returns quads int (m, 4): corners of their faces, in turn around each, sheet by sheet
+    # returns quads int (m, 4): corners of their faces, in order around each, sheet by sheet
     starts = np.cumsum([0, *(len(sheet.corners) for sheet in sheets)])
     quads = [sheet.quads + start for sheet, start in zip(sheets, starts.tolist())]
     return np.concatenate([sheet.corners for sheet in sheets]), np.concatenate(quads)
 
 
 def grid_sheets(grid: Grid, fields: bool = False, topology: Topology | None = None) -> list[Sheet]:
-    """Cut the boundary of a grid into sheets.
+    """Cut the boundary of a grid into sheets; without patches, faces without a neighbour are of the kind ``other``.
 
-    Parameters
-    ----------
-    grid : Grid
-        The grid. Without patches, whatever no block continues is of the kind ``other``; a block that is one node deep
-        is a sheet itself, as if it were a plane of symmetry.
-    fields : bool
-        Whether the faces have the values of the cells behind them, see `bspline_mdao.grids.cells.cell_fields`.
-    topology : Topology, optional
-        That of the grid, where it is known; its boundary is shown then, in its order.
-
-    Returns
-    -------
-    list of Sheet
+    A block that is one node deep is a sheet itself, as if it were a plane of symmetry. With ``fields`` the faces have
+    the values of the cells behind them, see `bspline_mdao.grids.cells.cell_fields`. With a topology the sheets are its
+    boundary, in its order.
     """
     found = cell_fields(grid) if fields else {}
     sheets = []
@@ -143,7 +105,7 @@ def _windows(grid: Grid, topology: Topology | None) -> Iterator[tuple[str, str, 
     """Name, kind and window of every sheet of a grid."""
     if topology is None and not grid.patches:
         from ...grids.topology.detection import (
-            find_topology,  # looks for all neighbours: only where nothing is declared
+            find_topology,  # it searches for all neighbours: only if nothing is declared
         )
 
         topology = find_topology(grid)
@@ -174,21 +136,9 @@ def values_behind(fields: Mapping[str, Sequence[np.ndarray]], grid: Grid, window
 def control_sheets(
     model: Model, control_points: np.ndarray | None = None, kinds: Sequence[str] = ("wall",)
 ) -> list[Sheet]:
-    """Cut the faces of the control mesh on patches into sheets.
+    """Cut the faces of the control mesh, fitted or moved, on patches of some kinds into sheets.
 
-    Parameters
-    ----------
-    model : FittedModel
-        The fitted grid.
-    control_points : ndarray, shape (n_control_points, 3), optional
-        Moved control points (m); the fitted ones by default.
-    kinds : sequence of str
-        Kinds of the patches.
-
-    Returns
-    -------
-    list of Sheet
-        All of the kind ``control mesh``; their windows are those of the control points of a segment.
+    All are of the kind ``control mesh``; their windows are of the control points of a segment.
     """
     points = np.reshape(model.control_points if control_points is None else control_points, (-1, 3))
     sheets = []
@@ -202,7 +152,7 @@ def control_sheets(
 
 
 def _on_face(ids: np.ndarray, segment: Window, face: Window) -> np.ndarray | None:
-    """Numbers of the control points of a segment on a face of the grid; None where it has no part of the face."""
+    """Numbers of the control points of a segment on a face of the grid; None if it has no part of the face."""
     for d in range(3):
         side = int(face.lo[d] == segment.hi[d])
         is_end = face.lo[d] == face.hi[d] == (segment.hi[d] if side else segment.lo[d])
@@ -213,32 +163,13 @@ def _on_face(ids: np.ndarray, segment: Window, face: Window) -> np.ndarray | Non
 
 
 def flow_sheets(
-    model: Model,
-    grid: Grid,
-    pressures: np.ndarray,
-    states: np.ndarray | None = None,
-    mach: float | None = None,
+    model: Model,  # the fitted grid
+    grid: Grid,  # with the nodes of the flow
+    pressures: np.ndarray,  # (n_wall,), the output ``Cp`` of `EulerFlow`
+    states: np.ndarray | None = None,  # (5 n_cells,) or (n_cells, 5), its states
+    mach: float | None = None,  # of the free stream, with states
 ) -> list[Sheet]:
-    """Give the sheets of a grid the fields of a flow.
-
-    Parameters
-    ----------
-    model : FittedModel
-        The fitted grid.
-    grid : Grid
-        With the nodes that the flow was about.
-    pressures : ndarray, shape (n_wall,)
-        The output ``Cp`` of `EulerFlow`.
-    states : ndarray, shape (5 n_cells) or (n_cells, 5), optional
-        Its states: with them all sheets have ``Cp``, ``Mach``, ``entropy`` and ``total_pressure_loss`` of the cells
-        behind their faces; on walls ``Cp`` stays that of the faces.
-    mach : float
-        Mach number of the free stream, with states.
-
-    Returns
-    -------
-    list of Sheet
-    """
+    """Give the sheets of a grid the fields of a flow: from the cells behind faces, ``Cp`` on walls from the faces."""
     fields: dict[str, list[np.ndarray]] = {}
     if states is not None and mach is not None:
         for name, values in field_values(np.reshape(states, (-1, N_STATES)), mach).items():
@@ -255,7 +186,7 @@ def flow_sheets(
 
 
 def _patch_after_patch(sheets: Sequence[Sheet]) -> list[Sheet]:
-    """Sheets in the order in which a flow numbers their faces: those of a patch together."""
+    """Sheets in the order in which a flow numbers their faces: all of a patch together."""
     names = {sheet.name: n for n, sheet in reversed(list(enumerate(sheets)))}
     return sorted(sheets, key=lambda sheet: names[sheet.name])
 
@@ -268,20 +199,7 @@ def _on_wall_faces(sheets: Sequence[Sheet], pressures: np.ndarray) -> Iterator[d
 
 
 def worst_cells(grid: Grid, n_cells: int = 10) -> np.ndarray:
-    """Find the cells with the smallest corners.
-
-    Parameters
-    ----------
-    grid : Grid
-        The grid.
-    n_cells : int
-        How many.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        Their middles (m), the worst first.
-    """
+    """Centres (n, 3) of the cells with the smallest corners (m), the worst first."""
     middles, corners = [], []
     for block, values in zip(grid.blocks, cell_fields(grid)["smallest_corner"]):
         ids = np.argsort(values, axis=None, kind="stable")[:n_cells]

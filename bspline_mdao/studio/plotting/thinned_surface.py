@@ -1,8 +1,8 @@
-"""Surfaces of triangles with few enough of them to be drawn quickly.
+"""Triangulated surfaces reduced to few enough triangles for fast drawing.
 
-Edges are contracted, in rounds, those first that take a node least out of its tangent plane. Nodes of sharp edges go
-along these alone and their corners stay, so that leading and trailing edges, tips and seams of markers are where they
-are. Every node that is drawn is one of the mesh: moved meshes have the same triangles.
+Edges are contracted in rounds, starting with those whose contraction moves a node least out of its tangent plane.
+Nodes of sharp edges move only along these, and their corners stay, which preserves leading and trailing edges, tips and
+seams of markers. Every drawn node is a node of the mesh, so moved meshes have the same triangles.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ import numpy as np
 __all__ = ["thinned"]
 
 SHARP = np.cos(np.radians(30.0))
-"""Cosine of the angle between triangles from which on their edge is sharp."""
+"""Cosine of the angle between triangles beyond which their edge is sharp."""
 
 CORNER = 2.0 * np.sin(np.radians(15.0))
-"""Length of the sum of the directions of a line from a node both ways, from which on the line has a corner there."""
+"""Length of the sum of the two directions of a line from a node, above which the line has a corner there."""
 
 LENGTH = 0.02
-"""Weight of the length of an edge beside what its contraction moves the surface: flat parts are thinned evenly."""
+"""Weight of an edge's length relative to the surface displacement of its contraction: it thins flat parts evenly."""
 
 TURNED = 0.2
-"""Cosine of the angle by which a triangle may turn at most while edges around it are contracted."""
+"""Cosine of the largest angle by which a triangle may turn while edges around it are contracted."""
 
 LEAST_ROUND = 0.002
-"""Part of the triangles that a round of contractions has to remove for another one."""
+"""Fraction of the triangles that a round of contractions must remove for another round to follow."""
 
 
 def thinned(points: np.ndarray, triangles: np.ndarray, marker: np.ndarray, most: int) -> np.ndarray:
@@ -40,7 +40,7 @@ def thinned(points: np.ndarray, triangles: np.ndarray, marker: np.ndarray, most:
 def _contracted(
     points: np.ndarray, triangles: np.ndarray, marker: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Contract at most so many edges no two of which share a node."""
+    """Contract at most so many edges, no two of which share a node."""
     nodes, corners = np.unique(triangles, return_inverse=True)
     corners, x = corners.reshape(-1, 3), points[nodes]
     normals = np.cross(x[corners[:, 1]] - x[corners[:, 0]], x[corners[:, 2]] - x[corners[:, 0]])
@@ -48,7 +48,7 @@ def _contracted(
     around = np.stack([np.bincount(corners.ravel(), np.repeat(part, 3), len(x)) for part in normals.T], axis=1)
     removed, target = _chosen(x, _units(around), edges, is_sharp)
     removed, target = _unturned(x, corners, normals, removed, target)
-    removed, target = _unturned(x, corners, normals, removed[:most], target[:most])  # of fewer others may turn
+    removed, target = _unturned(x, corners, normals, removed[:most], target[:most])  # with fewer, others may turn
     at = np.arange(len(x))
     at[removed] = target
     moved = at[corners]
@@ -82,7 +82,7 @@ def _units(vectors: np.ndarray) -> np.ndarray:
 
 
 def _keys(rows: np.ndarray) -> np.ndarray:
-    """Numbers of rows of two or three numbers from 0, alike where these are, shape (n,)."""
+    """Numbers of rows of two or three numbers from 0, the same for equal rows, shape (n,)."""
     n = 1 + int(rows.max(initial=0))
     keys = rows[:, 0].astype(np.int64) * n + rows[:, 1]
     return keys if rows.shape[1] == 2 else np.unique(keys, return_inverse=True)[1].ravel() * n + rows[:, 2]
@@ -104,7 +104,7 @@ def _sharp_edges(corners: np.ndarray, normals: np.ndarray, marker: np.ndarray) -
 def _chosen(
     x: np.ndarray, normals: np.ndarray, edges: np.ndarray, is_sharp: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes that are removed and those that they go to, those that change the surface least first."""
+    """Nodes to remove and the nodes they move to, those that change the surface least first."""
     n_sharp, turn = _turns(x, edges[is_sharp])
     ways = np.concatenate([edges, edges[:, ::-1]])
     along = np.tile(is_sharp, 2)
@@ -123,7 +123,7 @@ def _chosen(
 
 
 def _turns(x: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number of some edges at each node, and the length of the sum of their directions: 0 where a line is straight."""
+    """Number of some edges at each node, and the length of the sum of their directions: 0 on a straight line."""
     ends = np.concatenate([edges, edges[:, ::-1]])
     directions = _units(x[ends[:, 1]] - x[ends[:, 0]])
     sums = np.stack([np.bincount(ends[:, 0], part, len(x)) for part in directions.T], axis=1)

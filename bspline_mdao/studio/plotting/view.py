@@ -1,4 +1,4 @@
-"""What pictures show of a state, whatever its cells: of blocks in `.block_view`, of other meshes in `.mesh_view`."""
+"""Pictures of a state, whatever its cells: of blocks in `.block_view`, of other meshes in `.mesh_view`."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ __all__ = ["View", "view_of"]
 class View(ABC):
     """Surfaces of a state, fields on them, and cells that are marked."""
 
-    styles: Mapping[str, FieldStyle]  # fields that there may be, by the names that users give
-    defaults: tuple[str, ...]  # surfaces that are shown where none is named and no field is
+    styles: Mapping[str, FieldStyle]  # available fields, by the names that users type
+    defaults: tuple[str, ...]  # surfaces to show if neither surfaces nor a field are named
 
     def __init__(self, state: Snapshot):
         self.state = state
 
     @property
     def title(self) -> str:
-        """What pictures call it."""
+        """Its name in pictures."""
         return self.state.title
 
     @property
@@ -39,27 +39,27 @@ class View(ABC):
     @property
     @abstractmethod
     def is_planar(self) -> bool:
-        """Whether it is a plane, which is seen as a plane of symmetry is."""
+        """Whether it is a plane, which is seen like a plane of symmetry."""
 
     @property
     def across(self) -> int | None:
-        """Axis across the plane of a mesh of two dimensions."""
+        """Axis normal to the plane of a two-dimensional mesh."""
         return None
 
     @abstractmethod
     def knows(self, name: str) -> bool:
-        """Whether a surface may be named so that is neither a patch nor one of `SURFACES`."""
+        """Whether this is the name of a surface that is neither a patch nor in `SURFACES`."""
 
     @abstractmethod
     def sheets(self, surfaces: Sequence[str], look: FieldStyle | None) -> list[AnySheet]:
-        """All surfaces that there are, with the field; ``surfaces`` are wanted."""
+        """All available surfaces, with the field; ``surfaces`` are the requested ones."""
 
     @abstractmethod
     def marks(self, look: FieldStyle | None, most: int) -> np.ndarray:
-        """Places that are marked where a field colours (m), shape (n, 3)."""
+        """Places to mark in pictures of a field (m), shape (n, 3)."""
 
 
 @singledispatch
 def view_of(grid: Any, state: Snapshot) -> View:
-    """Take what pictures show of a state with a grid."""
+    """Take the view of a state with a grid."""
     raise InputError(f"{state.title}: nothing is known of a {type(grid).__name__}; give a Grid or a MixedMesh")

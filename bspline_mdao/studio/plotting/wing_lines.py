@@ -1,8 +1,7 @@
 """Lines of wings by the kind of their grid: both sides from the leading to the trailing edge, and sections.
 
-Grids of blocks have patches ``wing_upper`` and ``wing_lower`` and lines of their own. Of meshes without structure,
-walls whose names begin with ``wing`` are cut, or all walls where there are none. x points downstream, y up, z along the
-span.
+Grids of blocks have patches ``wing_upper`` and ``wing_lower`` and lines of their own. For unstructured meshes, walls
+whose names begin with ``wing`` are cut, or all walls if there are none. x points downstream, y up, z along the span.
 """
 
 from __future__ import annotations
@@ -24,10 +23,10 @@ from .pressures import wall_quads
 __all__ = ["section_of", "sides_of", "strips_of"]
 
 N_CHORD, N_SPAN = 65, 41
-"""Points that lines of meshes are given at, along the chord and along the span."""
+"""Points of lines of meshes, along the chord and along the span."""
 
 TIP = 0.998
-"""Part of the span up to which walls of meshes are cut: a round tip ends in a point."""
+"""Fraction of the span up to which walls of meshes are cut: a round tip ends in a point."""
 
 
 @singledispatch
@@ -43,7 +42,7 @@ def sides_of(
 def section_of(
     model: Any,
     nodes: np.ndarray,  # (n_nodes, 3), nodes (m)
-    part: float,  # part of the half span
+    part: float,  # fraction of the half span
 ) -> np.ndarray:  # (n, 3)
     """Points along the upper side of a section, and back along the lower one (m)."""
     raise InputError(f"a wing of a {type(model).__name__} is not known; give a FittedModel or a MeshModel")
@@ -51,7 +50,7 @@ def section_of(
 
 @singledispatch
 def strips_of(model: Any) -> SpanStrips:
-    """Strips that the span load of a flow about a grid is given at."""
+    """Strips of the span load of a flow about a grid."""
     raise InputError("an unstructured mesh has no strips of a flow; a LatticeFlow in the problem gives its span load")
 
 
@@ -66,7 +65,7 @@ def _sides_of_blocks(model: FittedModel, nodes: np.ndarray) -> tuple[np.ndarray,
 
 @section_of.register(FittedModel)
 def _section_of_blocks(model: FittedModel, nodes: np.ndarray, part: float) -> np.ndarray:
-    """That of the grid line which is nearest."""
+    """The section along the nearest grid line."""
     upper, lower = sides_of(model, nodes)
     nearest = np.argmin(np.abs(upper[0, :, 2] - part * upper[0, -1, 2]))
     return np.concatenate([upper[:, nearest], lower[::-1, nearest]])
@@ -79,7 +78,7 @@ def _strips_of_blocks(model: FittedModel) -> SpanStrips:
 
 @sides_of.register(MeshModel)
 def _sides_of_mesh(model: MeshModel, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where planes across the span cut the walls, at even parts of the length of either side, closer at its ends."""
+    """Cuts of the walls with planes across the span, at equal fractions of the length of a side, closer at its ends."""
     surface, points = _wing(model, nodes)
     root, tip = max(root_end(surface.quads, points[:, 2]), 0.0), points[:, 2].max()
     places = root + (tip - root) * np.linspace(1.0 - TIP, TIP, N_SPAN)
@@ -110,7 +109,7 @@ def _wing(model: MeshModel, nodes: np.ndarray) -> tuple[SurfaceGrid, np.ndarray]
 
 
 def _around(surface: SurfaceGrid, points: np.ndarray, place: float) -> np.ndarray:
-    """The longest line at a place along the span, from the leading edge over the upper side and back, shape (n, 3)."""
+    """The longest line at a station along the span, from the leading edge over the upper side and back, (n, 3)."""
     lines = cut_lines(points, surface.quads, 2, place)
     if not lines:
         raise InputError(f"no wall is at z = {place:g} m; take another part of the span")

@@ -1,9 +1,8 @@
 """Drawings of wings: x points downstream, y up.
 
-Grids of blocks have the patches ``wing_upper`` and ``wing_lower``; walls of meshes without structure are cut across the
-span, those whose names begin with ``wing``, or all where there are none. The span is along z, from the plane of
-symmetry to the tip. Nodes may be given as the output ``grid`` has them, shape (3 n_nodes,), or in rows, shape
-(n_nodes, 3), in metres.
+Grids of blocks have the patches ``wing_upper`` and ``wing_lower``. For unstructured meshes, the walls whose names begin
+with ``wing`` are cut across the span, or all walls if there are none. The span is along z, from the plane of symmetry
+to the tip. Nodes may be given as in the output ``grid``, shape (3 n_nodes,), or in rows, shape (n_nodes, 3), in metres.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from .histories import draw_history, draw_optimality, driver_styles
 from .smooth_lines import curve_through, outline_through
 from .wing_lines import section_of, sides_of, strips_of
 
-if TYPE_CHECKING:  # the framework is not needed to draw
+if TYPE_CHECKING:  # OpenMDAO is not needed to draw
     import openmdao.api as om
 
     from ...core.om.drivers.recorded_run import RecordedRun
@@ -39,46 +38,21 @@ __all__ = [
 ]
 
 PARTS = (0.05, 0.5, 0.9)
-"""Sections that `draw_designs` shows, in parts of the half span."""
+"""Sections that `draw_designs` shows, as fractions of the half span."""
 
 BELOW = 0.25
-"""Distance between sections that are drawn one below the other, in chords."""
+"""Distance between sections drawn below each other, in chords."""
 
 
 def wing_sides(model: FittedModel | MeshModel, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cut the upper and the lower side of a wing out of the nodes of a grid or a mesh.
-
-    Parameters
-    ----------
-    model : FittedModel or MeshModel
-        The fitted grid, or the model of a mesh.
-    nodes : ndarray
-        Nodes (m).
-
-    Returns
-    -------
-    upper, lower : ndarray, shape (n_chord, n_span, 3)
-        Nodes from the leading to the trailing edge and from root to tip (m).
-    """
+    """Upper and lower side of a wing from leading to trailing edge and root to tip, each (n_chord, n_span, 3) (m)."""
     return sides_of(model, np.reshape(nodes, (-1, 3)))
 
 
 def wing_section(model: FittedModel | MeshModel, nodes: np.ndarray, part: float = 0.5) -> np.ndarray:
-    """Find the points around a wing at a fraction of the span; for a grid, the nodes of the nearest line.
+    """Points along the upper side of a section of a wing and back along the lower one, shape (n, 3) (m).
 
-    Parameters
-    ----------
-    model : FittedModel or MeshModel
-        The fitted grid, or the model of a mesh.
-    nodes : ndarray
-        Nodes (m).
-    part : float
-        Part of the half span.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        Nodes along the upper side, and back along the lower one (m).
+    ``part`` is a fraction of the half span; for a grid, the nodes of the nearest line are taken.
     """
     return section_of(model, np.reshape(nodes, (-1, 3)), part)
 
@@ -108,7 +82,7 @@ def draw_planform(axes: Any, model: FittedModel | MeshModel, nodes: np.ndarray, 
 def draw_sections(
     axes: Any, model: FittedModel | MeshModel, nodes: np.ndarray, parts: Sequence[float] = PARTS, **style: Any
 ) -> None:
-    """Draw sections at parts of the half span one below the other, in chords from their leading edges.
+    """Draw sections at fractions of the half span below each other, in chords from their leading edges.
 
     Parameters
     ----------
@@ -119,7 +93,7 @@ def draw_sections(
     nodes : ndarray
         Nodes (m).
     parts : sequence of float
-        Parts of the half span.
+        Fractions of the half span.
     **style
         Keywords of ``plot``.
     """
@@ -153,14 +127,14 @@ def draw_twist(axes: Any, model: FittedModel | MeshModel, nodes: np.ndarray, **s
 
 
 def span_load_edges(model: FittedModel | MeshModel, problem: om.Problem) -> np.ndarray:
-    """Find where the strips of ``span_load`` begin and end along the half span, of `EulerFlow` or `LatticeFlow`.
+    """Find where the strips of ``span_load`` of `EulerFlow` or `LatticeFlow` begin and end along the half span.
 
     Parameters
     ----------
     model : FittedModel or MeshModel
         The fitted grid, or the model of a mesh.
     problem : openmdao.api.Problem
-        A problem with one of these flows that has run.
+        A problem with one of these flows that has been run.
 
     Returns
     -------
@@ -175,16 +149,16 @@ def span_load_edges(model: FittedModel | MeshModel, problem: om.Problem) -> np.n
 
 
 def draw_span_load(axes: Any, edges: np.ndarray, load: np.ndarray, **style: Any) -> None:
-    """Draw the load of strips along the half span, relative to its mean: dots in their middles, and a curve.
+    """Draw the load of strips along the half span, relative to its mean: dots at their centres, and a curve.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
         Where to draw.
     edges : ndarray, shape (n + 1,)
-        Ends of the strips along the half span (m), such as those of `span_load_edges`.
+        Ends of the strips along the half span (m), such as from `span_load_edges`.
     load : ndarray, shape (n,)
-        Load per length.
+        Load per unit length.
     **style
         Keywords of ``plot``.
     """
@@ -225,7 +199,7 @@ def draw_designs(
     Parameters
     ----------
     canvas : matplotlib.figure.Figure
-        An empty figure, some 9.5 by 9 inches.
+        An empty figure, about 9.5 by 9 inches.
     model : FittedModel or MeshModel
         The fitted grid, or the model of a mesh.
     start : openmdao.api.Problem
@@ -237,7 +211,7 @@ def draw_designs(
     label : str
         Label of its axis.
     unit : float
-        What the response is divided by.
+        Divisor of the response.
     """
     (planform, sections), (load, twist), (history, optimality) = canvas.subplots(3, 2)
     styles = {"initial": {"color": GRAY}, **driver_styles(runs)}

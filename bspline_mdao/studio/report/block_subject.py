@@ -1,4 +1,4 @@
-"""What a page shows of a grid of blocks."""
+"""The report page of a grid of blocks."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ MOST_POINTS = 20_000
 """Of the lines of symmetry planes."""
 
 NEAR = 0.5
-"""How far symmetry planes are drawn around the walls, in the longest side of their box."""
+"""How far symmetry planes are drawn around the walls, in units of the longest side of their box."""
 
 
 @subject_of.register(FittedModel)
 class BlockSubject(Subject):
-    """A grid that was fitted."""
+    """A fitted grid."""
 
     def __init__(self, model: FittedModel, slides: Sequence[Slide] = ()):
         self.model, self.slides = model, slides
@@ -74,7 +74,7 @@ class BlockSubject(Subject):
 
     @cached_property
     def _faces(self) -> CellFaces | None:
-        """Faces of the cells, as a flow has them; None where blocks have no cells for one."""
+        """Faces of the cells, as a flow numbers them; None if blocks have no cells for a flow."""
         try:
             return CellFaces.of(self.model.topology, self.nodes_at())
         except InputError:
@@ -161,7 +161,7 @@ class BlockSubject(Subject):
         return Judgement(card, marks, [quality_chart(shapes, reports)], tables)
 
     def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float]]]:
-        """Of all periodic sides, tied or not, and of all nodes that slide on surfaces."""
+        """Gaps of all periodic sides, tied or not, and of all nodes that slide on surfaces."""
         model, baseline = self.model, self.model.regenerate()
         topology, found = model.topology, []
         for tied in topology.periodic:
@@ -193,7 +193,7 @@ class BlockSubject(Subject):
 
     @property
     def contents(self) -> tuple[str, str, list[Table]]:
-        """How good the fit is."""
+        """Quality of the fit."""
         return "fit", "Fit", [fit_table(self.model)]
 
 
@@ -208,5 +208,5 @@ def _mark(cell: WorstCell) -> Mark:
 
 
 def _thinned(n: int, most: int = 40) -> np.ndarray:
-    """At most about so many of n places, with both ends."""
+    """At most about so many of n places, including both ends."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))

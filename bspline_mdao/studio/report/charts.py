@@ -33,10 +33,10 @@ __all__ = [
 ]
 
 STATIONS = (0.05, 0.35, 0.65, 0.95)
-"""Places of sections, in parts of the span of the walls."""
+"""Stations of the sections, as fractions of the span of the walls."""
 
 MOST_LINES = 8
-"""Values of a vector that have a line each; of more the smallest and the largest are drawn."""
+"""Largest number of values of a vector with a line each; above it the smallest and the largest are drawn."""
 
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, RED, "#56b4e9", "#b8860b", "#c05a9a")
 """Colours of lines."""
@@ -44,19 +44,19 @@ SERIES = (BLUE, ORANGE, GREEN, PURPLE, RED, "#56b4e9", "#b8860b", "#c05a9a")
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart and what it says in words."""
+    """A chart and its description in words."""
 
     key: str  # its name in the page
     title: str  # heading
-    text: str  # what it shows, for those who do not see it
+    text: str  # what it shows, for those who cannot see it
     data: list[dict[str, Any]]  # traces of plotly
     layout: dict[str, Any]  # layout of plotly
     height: int = 300  # in pixels
-    is_wide: bool = False  # whether it wants the whole width
+    is_wide: bool = False  # whether it needs the whole width
 
 
 def shape_styles(shapes: Sequence[Shape]) -> list[dict[str, Any]]:
-    """Lines of the shapes: before in grey and dashed, after in blue."""
+    """Line styles of the shapes: before in grey and dashed, after in blue."""
     styles = [{"color": BLUE, "width": 2}]
     return styles if len(shapes) == 1 else [{"color": GRAY, "width": 1.6, "dash": "dash"}, *styles]
 
@@ -78,10 +78,10 @@ def distribution_chart(
     shapes: Sequence[Shape],
     edges: np.ndarray,  # (n + 1,), ends of the bins
     percents: Sequence[np.ndarray],  # (n,) for each shape, what is in them
-    axis: dict[str, Any],  # the axis of what is distributed
-    of: str,  # what there are per cent of
+    axis: dict[str, Any],  # axis of the distributed quantity
+    of: str,  # what the percentages are of
 ) -> Chart:
-    """Distribution of something, in per cent."""
+    """Distribution of a quantity, in per cent."""
     data = []
     for shape, percent, style in zip(shapes, percents, shape_styles(shapes)):
         line = {"x": np.repeat(edges, 2)[1:-1], "y": np.repeat(percent, 2), "mode": "lines", "line": style}
@@ -91,7 +91,7 @@ def distribution_chart(
 
 
 def height_chart(shapes: Sequence[Shape], cells: WallHeights, unit: str) -> Chart:
-    """Heights of the first cells of every wall, in the order of their size."""
+    """Heights of the first cells of every wall, sorted by size."""
     data, lowest, highest = [], np.inf, -np.inf
     parts = np.linspace(0.0, 1.0, 101)
     for shape, style in zip(shapes, shape_styles(shapes)):
@@ -165,7 +165,7 @@ def _quantity_chart(number: int, quantity: Quantity, history: CaseHistory) -> Ch
 
 
 def _limit_lines(quantity: Quantity, n: np.ndarray) -> list[dict[str, Any]]:
-    """Lines of the limits, those that elements share once."""
+    """Lines of the limits, drawn once if elements share them."""
     found = []
     for name, limits in (("lower", quantity.lower), ("upper", quantity.upper), ("demanded", quantity.equals)):
         for limit in np.unique(limits[np.isfinite(limits)])[:3]:
@@ -183,7 +183,7 @@ def section_chart(shapes: Sequence[Shape], quads: np.ndarray, axes: Axes) -> Cha
         suffix = "" if row == 1 else str(row)
         for shape, style in zip(shapes, shape_styles(shapes)):
             ends = cut(shape.nodes, quads, axes.span, place)
-            style = style | {"dash": "solid"}  # dashes would begin anew with every segment
+            style = style | {"dash": "solid"}  # dashes would restart with every segment
             line = np.concatenate([ends, np.full((len(ends), 1, 3), np.nan)], axis=1).reshape(-1, 3).astype(np.float32)
             at = {
                 "x": line[:, axes.downstream].copy(),
@@ -274,7 +274,7 @@ def lattice_charts(
 
 
 def places_of(corners: np.ndarray, axes: Axes) -> list[float]:
-    """Coordinates of the sections of walls with these quads, shape (n, 4, 3): one where they are one cell wide."""
+    """Coordinates of the sections of walls with these quads, shape (n, 4, 3): one if they are one cell wide."""
     span = corners[..., axes.span]
     low, high = span.min(), span.max()
     is_wide = np.ptp(span, axis=1).max() > 0.9 * (high - low)
@@ -283,12 +283,12 @@ def places_of(corners: np.ndarray, axes: Axes) -> list[float]:
 
 
 def place_text(axes: Axes, place: float) -> str:
-    """Where a section is."""
+    """Text for the place of a section."""
     return f"{'xyz'[axes.span]} = {place:.3g} {axes.unit}"
 
 
 def downstream_text(axes: Axes) -> str:
-    """Label of the axis downstream."""
+    """Label of the downstream axis."""
     return f"{'xyz'[axes.downstream]} ({axes.unit})"
 
 

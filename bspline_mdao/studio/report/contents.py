@@ -1,4 +1,4 @@
-"""What a report is about: a model, shapes of its grid, and the history of an optimisation."""
+"""The contents of a report: a model, shapes of its grid, and the history of an optimisation."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from .subject import Subject
 __all__ = ["INCLUDES", "RECORD", "Contents", "axes_of", "shapes_of"]
 
 INCLUDES = "*control_points", "*Cp"
-"""Outputs that a report shows shapes and pressures of."""
+"""Outputs from which a report shows shapes and pressures."""
 
 RECORD = 'problem.driver.recording_options["includes"] = ["*control_points", "*Cp"]'
-"""What makes a driver record them."""
+"""Setting that makes a driver record them."""
 
 PRESSURES, PANEL_PRESSURES = "Cp", "delta_Cp"
-"""Ending of the names of pressure coefficients, and of their differences across the panels of a lattice."""
+"""Endings of the names of pressure coefficients, and of the pressure differences across the panels of a lattice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,22 +33,22 @@ class Contents:
 
     title: str  # heading of the page
     subject: Subject | None = None  # the fitted grid, or the mesh
-    shapes: tuple[Shape, ...] = ()  # one shape, or those before and after; none where there is no model
+    shapes: tuple[Shape, ...] = ()  # one shape, or the shapes before and after; none without a model
     history: CaseHistory | None = None  # the optimisation
     missing: tuple[str, ...] = ()  # what cannot be shown, and what to do about it
     diagram: str | None = None  # the N2 diagram, a whole HTML page
-    # what lift and drag at the end would be on a finer grid, see `DesignSummary`
+    # estimates of lift and drag at the end on a finer grid, see `DesignSummary`
     estimates: Mapping[str, ErrorEstimate] = field(default_factory=dict)
-    gains: tuple[str, ...] = ()  # what was gained in induced drag, on the grid and on a finer one
+    gains: tuple[str, ...] = ()  # reduction of induced drag, on the grid and on a finer one
 
     def without(self, *texts: str) -> Contents:
-        """The same, and what cannot be shown besides."""
+        """The same, with more that cannot be shown."""
         return replace(self, missing=(*self.missing, *texts))
 
 
 def shapes_of(
     subject: Subject,  # the fitted grid, or the mesh
-    history: CaseHistory | None,  # the optimisation; without it there is the grid of the model alone
+    history: CaseHistory | None,  # the optimisation; without it only the grid of the model is shown
 ) -> tuple[tuple[Shape, ...], list[str]]:  # shapes; missing
     """Shapes of a grid before and after an optimisation, and what is missing of them."""
     if history is None:
@@ -92,9 +92,9 @@ def axes_of(
     walls: np.ndarray,  # (n, 3), points on its walls (m)
     options: Mapping[str, Mapping[str, object]],  # options of the systems of a problem
 ) -> Axes:
-    """Find the axes in which sections are drawn: those of a flow, or a guess."""
-    # Returns without a flow the span is across the symmetry plane, or where the walls are longest, and downstream is
-    # where they are longest otherwise.
+    """Find the axes in which sections are drawn: from a flow, or a guess."""
+    # Without a flow, the span is normal to the symmetry plane, or along the longest side of the walls, and downstream
+    # is along the longest of the other sides.
     for of_system in options.values():
         text = str(of_system.get("axes", ""))
         if sorted(text) == ["x", "y", "z"]:

@@ -1,4 +1,4 @@
-"""What an optimisation is about, in numbers: objective, variables, constraints and other outputs of a problem."""
+"""An optimisation problem in numbers: objective, variables, constraints and other outputs."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from ...grids.io.disk import replaced_file
 __all__ = ["DesignSummary", "SummaryEntry", "design_summary"]
 
 _MOST_VALUES = 12
-"""Values of one entry that a table shows; of more, it shows the smallest and the largest."""
+"""Largest number of values of an entry in a table; above it, the table shows the smallest and the largest."""
 
 _UNBOUNDED = 1e29
-"""Bounds from here on are none, by OpenMDAO's convention of 1e30."""
+"""Values from here on are no bounds, by OpenMDAO's convention of 1e30."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +38,8 @@ class SummaryEntry(OneLine):
 
     role: str  # ``"objective"``, ``"variable"``, ``"constraint"`` or ``"output"``
     name: str  # its name
-    units: str  # its units, empty where there are none
-    # values, lower, upper: (n,), values and bounds; not a number where there is no bound
+    units: str  # its units, empty if there are none
+    # values, lower, upper: (n,), values and bounds; NaN if there is no bound
     values: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
@@ -48,7 +48,7 @@ class SummaryEntry(OneLine):
 
     @property
     def violations(self) -> list[Violation]:
-        """The values that are beyond their bounds."""
+        """The values that violate their bounds."""
         return violations_of(self.value_names, self.values, self.lower, self.upper, self.unit)
 
 
@@ -61,12 +61,12 @@ class DesignSummary(OneLine):
     entries : tuple of SummaryEntry
         The objective first.
     estimates : mapping of str to ErrorEstimate
-        By the names of entries, what lift and drag would be on a finer member of the grid's family, where that was
-        asked for.
+        By the names of entries, estimates of lift and drag on a finer member of the grid's family, if they were
+        requested.
     notes : tuple of str
-        What there is to know of the entries: whether coefficients are those of a section.
+        Remarks on the entries, such as whether coefficients are of a section.
     solved : mapping of str to float
-        By the names of entries, what flows on a finer member gave, where that was asked for.
+        By the names of entries, results of flows on a finer member, if they were requested.
 
     Examples
     --------
@@ -97,19 +97,19 @@ class DesignSummary(OneLine):
 
     @property
     def infeasible(self) -> str:
-        """Which bounds the design violates, and by how much, in words; empty where it satisfies all.
+        """Which bounds the design violates, and by how much, in words; empty if it satisfies all.
 
-        A bound counts as met to a ten-thousandth of it, or of what the driver sees as 1 where it is zero.
+        A bound counts as met within a ten-thousandth of its value, or of what the driver sees as 1 if it is zero.
         """
         return in_words([violation for entry in self.entries for violation in entry.violations])
 
     def table(self, before: DesignSummary | None = None) -> str:
-        """Write a table of the values, beside those of another summary of the problem.
+        """Write a table of the values, next to another summary of the same problem.
 
-        Where errors are estimated, the value on the finer member comes last, with the uncertainty of that; where flows
-        were solved on one, what they gave follows. Where errors are estimated in both summaries, a line for each
-        induced drag says what was gained on either grid. Below stands whether a design is infeasible, by what, and by
-        how much.
+        If errors are estimated, the value on the finer member comes last, with its uncertainty. If flows were solved on
+        a finer member, their results follow. If errors are estimated in both summaries, a line for each induced drag
+        gives the reduction on either grid. Below the table stands whether a design is infeasible, which bounds it
+        violates, and by how much.
 
         Parameters
         ----------
@@ -142,15 +142,15 @@ class DesignSummary(OneLine):
     def write_csv(self, path: str | os.PathLike, before: DesignSummary | None = None) -> None:
         """Write all values to a CSV file: role, name of the value such as ``twist[2]``, values and bounds.
 
-        Where errors are estimated, ``finer`` and ``remaining`` come next, see `ErrorEstimate`; where flows were solved
-        on a finer member, ``solved_finer``, of two designs ``finer_before`` and ``finer_after``. Last comes
-        ``infeasible``, of two designs ``infeasible_before`` and ``infeasible_after``: by how much a value is beyond its
-        bound, where it is.
+        If errors are estimated, ``finer`` and ``remaining`` come next, see `ErrorEstimate`. If flows were solved on a
+        finer member, ``solved_finer`` comes next, or ``finer_before`` and ``finer_after`` for two designs. Last comes
+        ``infeasible``, or ``infeasible_before`` and ``infeasible_after`` for two designs: the amount by which a value
+        violates its bound.
 
         Parameters
         ----------
         path : path-like
-            File to make or to replace.
+            File to create or to replace.
         before : DesignSummary, optional
             Summary of the same problem at another design.
 
@@ -176,7 +176,7 @@ class DesignSummary(OneLine):
     def numbers(self) -> dict[str, dict]:
         """Values and bounds by name, as lists, for JSON.
 
-        ``infeasible`` says by how much values are beyond their bounds; there are ``finer`` and ``remaining`` where
+        ``infeasible`` is the amount by which values violate their bounds. ``finer`` and ``remaining`` are present if
         errors are estimated.
         """
         found = {
@@ -203,13 +203,13 @@ class DesignSummary(OneLine):
         of_solved: tuple[str, ...],
         of_both: tuple[str, ...],
     ) -> tuple[str, ...]:
-        """Heads of the columns of values, bounds, estimates, and what was solved on a finer grid, of one or of both."""
+        """Heads of the columns of values, bounds, estimates, and results on a finer grid, for one or two summaries."""
         values = ("before", "after") if before else ("value",)
         solved = (of_both if before else of_solved) if self.solved else ()
         return (*values, "lower", "upper", *(of_estimates if self.estimates else ()), *solved)
 
     def _rows(self, before: DesignSummary | None, most: int | None) -> Iterator[tuple[str, str, list[float]]]:
-        """Role, label and numbers of every row; of entries with more values than ``most``, the extremes."""
+        """Role, label and numbers of every row; the extremes of entries with more values than ``most``."""
         previous = {entry.name: entry for entry in before.entries} if before else {}
         for entry in self.entries:
             columns = [entry.values, entry.lower, entry.upper]
@@ -241,14 +241,14 @@ def design_summary(
     Parameters
     ----------
     problem : openmdao.api.Problem
-        A problem that has run.
+        A problem that has been run.
     outputs : sequence of str
-        Other outputs to include, such as ``"CD"``. Objectives and constraints are listed once, and outputs that the
-        flow of a section does not have, such as ``"CD_induced"``, are left out.
+        Other outputs to include, such as ``"CD"``. Objectives and constraints are listed once. Outputs that the flow
+        about a section does not have, such as ``"CD_induced"``, are left out.
     finer : float, optional
         Factor on the cells per direction of a finer member of the grid's family, on which lift, drag and other numbers
-        of every `EulerFlow` are estimated, see `error_estimate`. A warning gives the reason if that is not possible,
-        and reports an induced drag below the elliptical one.
+        of every `EulerFlow` are estimated, see `error_estimate`. If that is not possible, a warning gives the reason. A
+        warning also reports an induced drag below the elliptical one.
     solved_on : float, optional
         The same for a member on which the flow of every `EulerFlow` is solved, at its lift if it is trimmed, otherwise
         at its angle of attack.
@@ -317,13 +317,13 @@ def design_summary(
 
 
 def _is_of(flow: EulerFlow, source: str, *others: str) -> bool:
-    """Whether an output, by its absolute name, is a number of a flow, or one of other names of it."""
+    """Whether an output, by its absolute name, is a number of a flow, or an alias of one."""
     inside = f"{flow.pathname}." if flow.pathname else ""
     return source.startswith(inside) and source.rpartition(".")[2] in (*numbers("euler"), *others)
 
 
 def _solved(problem: om.Problem, sources: Mapping[str, str], factor: float) -> dict[str, float]:
-    """Numbers of flows among outputs, given by name with their absolute names, in flows on a finer member."""
+    """Results, on a finer member, of flows among outputs, given by name with their absolute names."""
     solved: dict[str, float] = {}
     for flow in problem.model.system_iter(include_self=True, recurse=True, typ=EulerFlow):
         of = {name: source.rpartition(".")[2] for name, source in sources.items() if _is_of(flow, source, "alpha")}
@@ -347,7 +347,7 @@ def _estimates(problem: om.Problem, sources: Mapping[str, str], factor: float) -
             continue
         try:
             found = error_estimate(problem, sorted(set(of.values())), factor, flow)
-        except (InputError, om.AnalysisError) as error:  # what is summed up is worth more than its errors
+        except (InputError, om.AnalysisError) as error:  # the summary is worth more than its errors
             om.issue_warning(f"summary: the errors of {', '.join(of)} are not estimated: {error}")
             continue
         estimates |= {name: found[coefficient] for name, coefficient in of.items()}
@@ -362,7 +362,7 @@ def _name(meta: dict) -> str:
 
 
 def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool) -> SummaryEntry:
-    """Take down one variable or response, its bounds in its own units."""
+    """Record one variable or response, with its bounds in its own units."""
     # Up to OpenMDAO 3.43 the bounds are scaled when they are declared.
 
     def bound_of(key: str) -> np.ndarray:

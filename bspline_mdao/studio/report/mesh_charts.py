@@ -1,4 +1,4 @@
-"""Charts of a mesh without structure around a section: its cells, those at the edges of a body, and the lattice."""
+"""Charts of an unstructured mesh around a section: its cells, cells at the edges of a body, and the lattice."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from .walls import WallHeights, Walls, net_lines
 __all__ = ["section_charts"]
 
 MOST_EDGES = 20_000
-"""Edges of cells that are drawn around a section; of more the longest."""
+"""Largest number of cell edges drawn around a section; above it, the longest."""
 
 NEAR_SPANS = 2.5
-"""How far around the section the lattice is drawn, in its narrowest spans."""
+"""How far around the section the lattice is drawn, in units of its narrowest spans."""
 
 AROUND = 0.15
-"""How far cells are drawn around a section, in its longest side."""
+"""How far cells are drawn around a section, in units of its longest side."""
 
 REACH, SEGMENTS, LARGEST = 30.0, 3.0, 0.2
-"""Half the width of what is drawn at an edge of the body: in median heights of the first nodes, at least in edges of
-the wall there, and at most in the longest side of the section."""
+"""Half the width of the view at an edge of the body: in median heights of the first nodes, at least in edges of the
+wall there, and at most in the longest side of the section."""
 
 RATIO, MARGIN = 0.9, 0.15
-"""Height of what is drawn by its width, and what more is drawn at each side: equal scales show more one way."""
+"""Height-to-width ratio of a view, and the margin drawn at each side: equal scales show more in one direction."""
 
 
 def section_charts(
     model: MeshModel, shapes: Sequence[Shape], walls: Walls, axes: Axes, heights: WallHeights | None
 ) -> list[Chart]:
-    """Charts at the middle one of the sections."""
+    """Charts at the middle section."""
     places = places_of(shapes[0].nodes[walls.quads()], axes)
     place = places[(len(places) - 1) // 2]
     bodies = [cut(shape.nodes, walls.quads(), axes.span, place) for shape in shapes]
@@ -71,7 +71,7 @@ def _edge_charts(
     heights: WallHeights,
     size: float,
 ) -> list[Chart]:
-    """Cells at both ends of the section, of the last shape, beside the wall before."""
+    """Cells at both ends of the section, for the last shape, with the wall before."""
     charts = []
     for key, choose in (("leading", np.argmin), ("trailing", np.argmax)):
         points = bodies[-1].reshape(-1, 3)
@@ -92,7 +92,7 @@ def _edge_charts(
 def _lattice_chart(
     model: MeshModel, shapes: Sequence[Shape], bodies: Sequence[np.ndarray], axes: Axes, place: float
 ) -> Chart | None:
-    """The layer of the lattice that is nearest to the section."""
+    """The layer of the lattice nearest to the section."""
     lattice, data = model.lattice, []
     if not lattice.frame.is_cartesian:  # its layers are no planes
         return None
@@ -101,7 +101,7 @@ def _lattice_chart(
     layer = int(np.argmin(np.abs(lattice.lines[across].control_coordinates * directions[across, axes.span] - place)))
     around = np.concatenate(bodies).reshape(-1, 3)
     along = lattice.frame.to_local(around)
-    near = []  # control points of each direction that are within some spans of the body
+    near = []  # control points of each direction within some spans of the body
     for axis, line in enumerate(lattice.lines):
         x, beyond = line.control_coordinates, NEAR_SPANS * lattice.spacing
         is_near = (x >= along[:, axis].min() - beyond) & (x <= along[:, axis].max() + beyond)
@@ -128,7 +128,7 @@ def _lattice_chart(
 
 
 def _box(window: np.ndarray, axes: Axes) -> np.ndarray:
-    """Box in space of a window of a chart, shape (2, 3)."""
+    """Box in space of a chart's window, shape (2, 3)."""
     box = np.array([[-np.inf] * 3, [np.inf] * 3])
     box[:, [axes.downstream, axes.up]] = window + MARGIN * np.diff(window, axis=0) * [[-1.0], [1.0]]
     return box

@@ -1,4 +1,4 @@
-"""Quality of the cells of a mesh without structure, as a page shows it."""
+"""Quality of the cells of an unstructured mesh on the page."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from .tables import Table, number
 __all__ = ["judge"]
 
 MOST_WORST = 10
-"""Worst cells that are named."""
+"""Number of worst cells that are named."""
 
 N_BINS = 50
 """Bins of distributions."""
 
 
 def judge(model: MeshModel, quality: MixedQuality, shapes: Sequence[Shape]) -> Judgement:
-    """Judge the cells of shapes of a mesh, the first of which is that before."""
+    """Judge the cells of shapes of a mesh, the first of which is the baseline."""
     found = [mesh_quality(model.mesh, shape.nodes) for shape in shapes]
     ratios = quality.cell_ratios(shapes[-1].nodes) if len(shapes) > 1 else None
     last = found[-1]
@@ -60,7 +60,7 @@ def _angle_chart(shapes: Sequence[Shape], found: Sequence[MeshQuality]) -> Chart
 
 
 def _ratio_chart(shape: Shape, ratios: np.ndarray) -> Chart:
-    """Distribution of the least pyramid of each cell by that before."""
+    """Distribution of each cell's smallest pyramid relative to the baseline."""
     counted = ratios[np.isfinite(ratios)]
     low, high = (float(counted.min()), float(counted.max())) if len(counted) else (0.0, 1.0)
     edges = np.linspace(min(low, 0.99), max(high, 1.0), N_BINS + 1)
@@ -103,13 +103,13 @@ def _quality_table(
 
 
 def _width(model: MeshModel) -> float | None:
-    """Width that a file of two dimensions was given (m); None of three."""
+    """Width of a two-dimensional file (m); None in three dimensions."""
     mesh = model.mesh
     return float(np.linalg.norm(mesh.points[mesh.n_stored] - mesh.points[0])) if mesh.n_copies > 1 else None
 
 
 def _certificate(model: MeshModel, shape: Shape) -> str:
-    """What is proved of the lattice."""
+    """What is proved about the lattice."""
     if shape.control_points is None or not model.lattice.frame.is_cartesian:
         return "–"
     mesh, points = model.splines_at(shape.control_points)
@@ -126,7 +126,7 @@ def _worst_table(
     order: np.ndarray,
     ratios: np.ndarray | None,
 ) -> Table:
-    """The worst cells, and where they are."""
+    """The worst cells and their places."""
     rows, width = [], _width(model) or 1.0
     for cell in order.tolist():
         place = found.middles[cell]

@@ -1,4 +1,4 @@
-"""What a page shows of a mesh without structure."""
+"""The report page of an unstructured mesh."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from .walls import Walls, lines_near, net_lines
 __all__ = ["MeshSubject"]
 
 MOST_EDGES = 20_000
-"""Edges of planes of symmetry that are drawn; of more the longest."""
+"""Largest number of edges of symmetry planes that are drawn; above it, the longest."""
 
 NEAR, NEAR_LATTICE = 0.5, 0.2
-"""How far planes of symmetry and the lattice are drawn around the walls, in the longest side of their box."""
+"""How far planes of symmetry and the lattice are drawn around the walls, in units of the longest side of their box."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +100,10 @@ class MeshSubject(Subject):
 
     @property
     def pressure_faces(self) -> None:
-        """None: no flow of this package is about such a mesh."""
+        """None: this package has no flow for such a mesh."""
 
     def wall_quality(self, nodes: np.ndarray) -> WallQuality:
-        """Non-orthogonality of the cells, as ``checkMesh`` has it."""
+        """Non-orthogonality of the cells, as in ``checkMesh``."""
         faces, cells = self.model.mesh.cell_faces
         keys = face_keys(self.model.walls.faces, self.n_nodes)
         found = np.flatnonzero(np.isin(face_keys(faces, self.n_nodes), keys))
@@ -120,12 +120,12 @@ class MeshSubject(Subject):
 
     @cached_property
     def quality(self) -> MixedQuality:
-        """What judges the cells."""
+        """Quality measures of the cells."""
         return MixedQuality.of(self.model.mesh, self.model.walls.faces)
 
     @cached_property
     def heights(self) -> MeshHeights | None:
-        """Nodes next to walls; of a file of two dimensions those of its nodes."""
+        """Nodes next to walls, in the plane for a two-dimensional file."""
         found, walls = self.quality.heights, self.model.walls
         if not len(found.rows):
             return None
@@ -153,7 +153,7 @@ class MeshSubject(Subject):
 
     @cached_property
     def _plane_edges(self) -> np.ndarray:
-        """The longest edges of the planes near the walls, shape (n, 2); of a file of two dimensions those of one."""
+        """The longest edges of the planes near the walls, shape (n, 2), of one plane for a two-dimensional file."""
         model, points = self.model, self.model.mesh.points
         faces = [self._faces_in(plane) for plane in model.planes[:1] if model.mesh.n_copies > 1] or [
             self._faces_in(plane) for plane in model.planes
@@ -177,11 +177,11 @@ class MeshSubject(Subject):
         return faces[is_in[faces].all(axis=1)]
 
     def judge(self, shapes: Sequence[Shape]) -> Judgement:
-        """Faces as ``checkMesh`` judges them, cells by their pyramids, and what is proved of the lattice."""
+        """Faces by the measures of ``checkMesh``, cells by their pyramids, and what is proved about the lattice."""
         return judge(self.model, self.quality, shapes)
 
     def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float]]]:
-        """Of periodic sides of the lattice, and of all nodes that slide on surfaces."""
+        """Gaps of periodic sides of the lattice, and of all nodes that slide on surfaces."""
         model = self.model
         found: list[tuple[str, str, list[float]]] = []
         for sides in model.periodic:
@@ -240,7 +240,7 @@ def _spans_text(widths: np.ndarray, unit: str) -> str:
 
 
 def _what_nodes_do(kind: str | None, is_plane: bool) -> str:
-    """What nodes of a marker of a kind do when walls move."""
+    """Motion of the nodes of a marker, by its kind, when walls move."""
     if kind == "wall":
         return "go where they are asked to"
     return "stay in their plane" if is_plane else "move along" if kind == "inner" else "stay"

@@ -1,4 +1,4 @@
-"""Walls of a mesh without structure as they are drawn: triangles, few enough of them, and their edges as lines."""
+"""Walls of an unstructured mesh as they are drawn: few enough triangles, and their edges as lines."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ __all__ = ["MeshWalls", "edge_lines"]
 class MeshWalls:
     """The walls of a mesh."""
 
-    faces: np.ndarray  # (n, 4) of int, all faces; triangles have their last corner twice
+    faces: np.ndarray  # (n, 4) of int, all faces; triangles repeat their last corner
     drawn: np.ndarray  # (m, 3) of int, triangles that are drawn
-    edges: np.ndarray  # (k, 2) of int, their edges: not the diagonals of quads where all is drawn
+    edges: np.ndarray  # (k, 2) of int, their edges, without the diagonals of quads if all is drawn
     n_of_all: int  # triangles of the walls
 
     are_walls, how_fewer = True, "edges are contracted"
@@ -30,10 +30,10 @@ class MeshWalls:
         cls,
         points: np.ndarray,  # (n_nodes, 3)
         faces: np.ndarray,  # (n, 4) of int
-        marker: np.ndarray,  # (n,) of int, marker of each: seams of markers stay
+        marker: np.ndarray,  # (n,) of int, marker of each: seams of markers are kept
         most_triangles: int,
     ) -> MeshWalls:
-        """Choose what is drawn, with at most about so many triangles."""
+        """Choose the triangles to draw, at most about so many."""
         corners = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
         is_triangle = corners[:, 1] != corners[:, 2]
         triangles, of_marker = corners[is_triangle], np.tile(marker, 2)[is_triangle]
@@ -73,7 +73,7 @@ class MeshWalls:
 
 
 def edge_lines(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Join edges, shape (n, 2), of points, shape (k, d), to few long lines with gaps, shape (m, d)."""
+    """Join edges, shape (n, 2), of points, shape (k, d), into few long lines with gaps, shape (m, d)."""
     if not len(edges):
         return np.zeros((0, points.shape[1]))
     nodes, ends = np.unique(edges, return_inverse=True)
@@ -82,7 +82,7 @@ def edge_lines(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _trails(edges: np.ndarray, n_nodes: int) -> list[int]:
-    """Lines that pass each edge once, from nodes with an odd number of them where there are such; -1 behind each."""
+    """Lines that pass each edge once, starting from nodes with an odd number of edges if any; -1 ends each."""
     ends = np.concatenate([edges, edges[:, ::-1]])
     order = np.argsort(ends[:, 0], kind="stable")
     other, edge = ends[order, 1].tolist(), (order % len(edges)).tolist()

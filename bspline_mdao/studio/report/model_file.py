@@ -1,4 +1,4 @@
-"""The file of the model that a case file is about: found by what the case file says, known by its checksum."""
+"""The model file of a case file: found by what the case file says, identified by its checksum."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from ...core.om.model_option import NamedModel
 __all__ = ["ADVICE", "find_model"]
 
 ADVICE = "give the model that was optimised, --model MODEL.h5 or write_report(..., model=...)"
-"""How the model of a case file is given."""
+"""Ways to give the model of a case file."""
 
 
 def find_model(
     case_file: Path,  # the case file
     named: NamedModel | None,  # what it says of its model
-) -> tuple[Path | None, str]:  # file: the file; None where there is none; reason: why there is none, and what to do
+) -> tuple[Path | None, str]:  # file: None if not found; reason: why not, and what to do
     """Find the model of a case file."""
-    # It is looked for where it was, and beside the case file, above it and in the working directory: by its name where
-    # it had one, and among all models where it was saved after the run. What is found has the checksum of the model
-    # that was optimised.
+    # It is searched for at its original place, and next to the case file, above it and in the working directory: by its
+    # name if it had one, and among all models if it was saved after the run. The checksum must match the model that was
+    # optimised.
     if named is None:
         return None, f"The case file does not name the model: {ADVICE}, to see its grid with its quality."
     others: list[Path] = []

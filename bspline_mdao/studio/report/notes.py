@@ -1,4 +1,4 @@
-"""What a reader of a report has to know of an optimisation before its figures: notes of a line each."""
+"""What a reader of a report must know before its figures: notes of one line each."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ...flow.om.mach_range import EULER, LATTICE, MachRange
 __all__ = ["notes_on"]
 
 KNOWN_BY = {"shock_threshold": EULER, "n_chord": LATTICE}
-"""Options that flows alone have, and the Mach numbers at which these were compared with others."""
+"""Options that only flows have, and the Mach numbers at which these were validated."""
 
 
 def notes_on(
     history: CaseHistory,  # the optimisation
-) -> list[str]:  # nothing where all is as it should be
-    """Say which designs are infeasible, by what and by how much, and which Mach numbers are out of all comparisons."""
+) -> list[str]:  # empty if all is well
+    """Say which designs are infeasible, by what and by how much, and which Mach numbers were not validated."""
     designs = {"first": 0, "best": history.best}
     found = {name: history.infeasible(number) for name, number in designs.items()}
     notes = [f"The {name} design is {words}." for name, words in found.items() if words]
@@ -31,13 +31,13 @@ def notes_on(
 
 
 def _ranges(options: Mapping[str, Mapping[str, object]]) -> list[MachRange]:
-    """Mach numbers at which the flows of a problem were compared with others."""
+    """Mach numbers at which the flows of a problem were validated."""
     names = {name for of_system in options.values() for name in of_system}
     return [known for name, known in KNOWN_BY.items() if name in names]
 
 
 def _mach_numbers(history: CaseHistory) -> Iterator[tuple[str, float]]:
-    """Mach numbers of the best evaluation, as far as they are recorded, by name."""
+    """Mach numbers of the best evaluation, by name, as far as they are recorded."""
     for quantity in history.quantities:
         if quantity.name.rpartition(".")[2] == "Mach_number":
             yield quantity.name, float(quantity.values[history.best, 0])

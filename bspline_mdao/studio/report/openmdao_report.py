@@ -1,9 +1,9 @@
-"""The report of OpenMDAO: a page on an optimisation, where ``OPENMDAO_REPORTS`` or ``reports`` asks for it.
+"""The report of OpenMDAO: a page on an optimisation, if ``OPENMDAO_REPORTS`` or ``reports`` asks for it.
 
-``OPENMDAO_REPORTS=bspline_mdao python script.py`` writes it beside the other reports of the problem. Where no recorder
+``OPENMDAO_REPORTS=bspline_mdao python script.py`` writes it next to the other reports of the problem. If no recorder
 is attached to the driver, one is attached for the run, which records all that the page shows.
 
-OpenMDAO imports this module with the first problem of any kind: what makes pages is imported when one is made.
+OpenMDAO imports this module with the first problem of any kind, so libraries for pages are imported only when needed.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def _record(problem: om.Problem) -> None:
 
 
 def _write(problem: om.Problem) -> None:
-    """Write the page; what is wrong with it is a warning, since the optimisation is done."""
+    """Write the page; failures are warnings, since the optimisation is done."""
     from ...core.om.drivers.case_history import read_history
     from .contents import Contents
     from .page import diagram_of, with_model, write_contents
@@ -63,7 +63,7 @@ def _write(problem: om.Problem) -> None:
 
 
 def _model(problem: om.Problem) -> Any:
-    """Model of the first system that has one; None where there is none."""
+    """Model of the first system that has one; None if there is none."""
     for system in problem.model.system_iter(include_self=True, recurse=True):
         if "model" in system.options and hasattr(system.options["model"], "control_points"):
             return system.options["model"]
@@ -71,7 +71,7 @@ def _model(problem: om.Problem) -> Any:
 
 
 def _slides(problem: om.Problem) -> Any:
-    """What patches slide on, by the first system that moves a mesh of blocks; nothing where there is none."""
+    """The slides of the first system that moves a mesh of blocks; empty if there is none."""
     for system in problem.model.system_iter(include_self=True, recurse=True):
         mesh = system.options["mesh"] if "mesh" in system.options else None  # noqa: SIM401 - they have no `get`
         if mesh is not None and hasattr(mesh, "curved_slides") and mesh.parameters is not None:

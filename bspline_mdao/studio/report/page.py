@@ -27,7 +27,7 @@ from ...flow.om.induced_gain import induced_gains
 from ...grids.io.disk import replaced_file
 from ...grids.io.formats import MODEL
 from ..plotting.figures import require
-from . import block_subject, mesh_subject  # noqa: F401 - each registers what it knows
+from . import block_subject, mesh_subject  # noqa: F401 - each registers its subject
 from .charts import Chart, height_chart, history_charts, lattice_charts, pressure_chart, section_chart
 from .contents import Contents, axes_of, shapes_of
 from .model_file import find_model
@@ -50,42 +50,28 @@ from .walls import Walls
 __all__ = ["MOST_TRIANGLES", "Section", "write_report"]
 
 EXTRA = "report"
-"""What installs the libraries that pages are made with."""
+"""Command that installs the libraries for pages."""
 
 CASES = "cases.sql"
 """Case file in the folder that the command ``optimize`` writes."""
 
 NO_MODEL = "The grid is not shown: each process has a part of it alone."
-"""What is missing where a problem has local models alone."""
+"""What is missing if a problem has only local models."""
 
 MOST_TRIANGLES = 40_000
-"""Triangles of the walls that are drawn of each shape: as many as a phone turns smoothly."""
+"""Triangles of the walls drawn for each shape: as many as a phone turns smoothly."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """A section of the page.
+    """A section of the page."""
 
-    Parameters
-    ----------
-    key, title : str
-        Its name in links, and its heading.
-    lines : sequence of str
-        Paragraphs.
-    charts : sequence of Chart
-        Charts.
-    tables : sequence of Table
-        Tables.
-    kind : str
-        ``"space"`` and ``"diagram"`` hold what the sections of these names hold, besides.
-    """
-
-    key: str
-    title: str
-    lines: Sequence[str] = ()
+    key: str  # name in links
+    title: str  # heading
+    lines: Sequence[str] = ()  # paragraphs
     charts: Sequence[Chart] = ()
     tables: Sequence[Table] = ()
-    kind: str = ""
+    kind: str = ""  # ``"space"`` and ``"diagram"`` add the contents of the sections of these names
 
 
 def write_report(
@@ -101,44 +87,44 @@ def write_report(
 ) -> dict[str, Any]:
     """Write a report on a model, or on an optimisation, as one HTML file that needs no network.
 
-    The page shows the walls and the control mesh in space, the quality of the cells and the worst of them, heights at
-    walls, and of an optimisation the histories of objective, constraints and first-order optimality, the variables with
-    their bounds, sections and pressures before and after, and the N2 diagram. What cannot be shown is said on it.
+    The page shows the walls and the control mesh in 3D, the quality of the cells and the worst cells, and heights at
+    walls. For an optimisation it shows the histories of objective, constraints and first-order optimality, the
+    variables with their bounds, sections and pressures before and after, and the N2 diagram. The page names what cannot
+    be shown.
 
     Parameters
     ----------
     path : path-like
-        The page, ``something.html``; replaced when the new one is complete.
+        The page, ``something.html``, replaced when the new one is complete.
     source : FittedModel, MeshModel or path-like
         A model, its file ``MODEL.h5``, a case file ``case.sql`` of a driver's ``om.SqliteRecorder``, or the folder that
-        the command ``optimize`` wrote. Shapes and
-        pressures are shown as far as ``control_points`` (or ``grid``) and ``Cp`` are recorded, optimality where
-        derivatives are.
+        the command ``optimize`` wrote. Shapes and pressures are shown if ``control_points`` (or ``grid``) and ``Cp``
+        are recorded, optimality if derivatives are.
     model : FittedModel, MeshModel or path-like, optional
-        The model that was optimised, for a case file; by default the file that the case file names, or one beside it
-        of the same checksum.
+        The model that was optimised, for a case file; by default the file that the case file names, or a file next to
+        it with the same checksum.
     title : str, optional
         Heading of the page; by default the name of the source.
     estimates : mapping of str to ErrorEstimate, optional
-        What lift and drag at the end of an optimisation would be on a finer grid: ``estimates`` of `design_summary`.
+        Estimates of lift and drag at the end of an optimisation on a finer grid: ``estimates`` of `design_summary`.
     baseline : mapping of str to ErrorEstimate, optional
-        The same of the baseline: the page then says what was gained in induced drag on either grid.
+        The same for the baseline: the page then gives the reduction of induced drag on either grid.
     slides : sequence of Slide
         Patches of a fitted grid that slide on surfaces, ``mesh.slides`` of the mesh that moved: nodes are shown there,
-        and the page says how far they are off.
+        and the page gives their distances from the surfaces.
     most_triangles : int
-        Triangles of the walls that are drawn of each shape, about; of larger grids every n-th line is drawn.
+        Approximate number of wall triangles drawn for each shape; of larger grids every n-th line is drawn.
 
     Returns
     -------
     dict
-        ``report``, ``bytes``, ``triangles`` drawn and ``triangles_of_walls``, ``missing``, what the page says is not
-        shown, and ``notes``, what it says of infeasible designs and of Mach numbers without a comparison.
+        ``report``, ``bytes``, ``triangles`` drawn and ``triangles_of_walls``, ``missing``, what the page cannot show,
+        and ``notes``, its remarks on infeasible designs and on Mach numbers without a comparison.
 
     Raises
     ------
     InputError
-        If a file cannot be read or written, the case file is that of another model, or plotly or jinja2 is missing.
+        If a file cannot be read or written, the case file belongs to another model, or plotly or jinja2 is missing.
 
     Examples
     --------
@@ -161,7 +147,7 @@ def write_report(
 def _contents(
     source: Any, model: Movable | str | os.PathLike | None, title: str | None, slides: Sequence[Slide]
 ) -> Contents:
-    """What a report on a source is about."""
+    """The contents of a report on a source."""
     if isinstance(source, Movable):
         return of_model(source, title, slides)
     if Path(source).suffix == MODEL:
@@ -180,12 +166,12 @@ def _contents(
 
 
 def of_model(model: Movable, title: str | None, slides: Sequence[Slide] = ()) -> Contents:
-    """What a report on a model alone is about."""
+    """The contents of a report on a model only."""
     return with_model(Contents(title or model.source), model, slides)
 
 
 def with_model(contents: Contents, model: Movable, slides: Sequence[Slide] = ()) -> Contents:
-    """Add the shapes of a model to what is reported."""
+    """Add the shapes of a model to the contents."""
     if model.ownership is not None:
         return contents.without(NO_MODEL)
     subject = subject_of(model, slides)
@@ -233,7 +219,7 @@ def write_contents(path: str | os.PathLike, contents: Contents, most_triangles: 
 
 
 def _sections(contents: Contents, most_triangles: int) -> tuple:
-    """Sections of the page, the drawing in space, and numbers about both."""
+    """Sections of the page, the 3D view, and numbers about both."""
     sections: list[Section] = []
     space, numbers, of_grid = None, {}, []
     if contents.subject is not None:
@@ -251,7 +237,7 @@ def _sections(contents: Contents, most_triangles: int) -> tuple:
 
 
 def _of_grid(contents: Contents, subject: Subject, most_triangles: int) -> tuple:
-    """Drawing in space, numbers about it, and sections on the shapes of a grid, that in space first."""
+    """3D view, numbers about it, and sections on the shapes of a grid, the section with the view first."""
     shapes = contents.shapes
     judgement, walls = subject.judge(shapes), subject.walls(most_triangles)
     points = shapes[0].nodes[walls.rows]
@@ -327,7 +313,7 @@ def _of_history(history: CaseHistory, contents: Contents) -> list[Section]:
 
 
 def _time_text(seconds: float) -> str:
-    """Write a duration."""
+    """Format a duration."""
     minutes, rest = divmod(round(float(seconds)), 60)
     return (
         f"{seconds:.3g} s" if minutes == 0 else f"{minutes} min {rest} s" if minutes < 60 else f"{minutes / 60:.1f} h"
@@ -374,7 +360,7 @@ def _diagram(case_file: Path) -> tuple[str | None, tuple[str, ...]]:
             return None, (text,)
         try:
             return diagram_of(str(sound.file)), ()
-        except Exception as error:  # of a tree that is damaged
+        except Exception as error:  # if the tree is damaged
             return None, (f"The N2 diagram in the case file is damaged ({type(error).__name__}): record it again.",)
 
 
@@ -387,10 +373,10 @@ def diagram_of(source: om.Problem | str | os.PathLike) -> str:
 
 
 def _json(graph_objects: Any, data: list[dict], layout: dict) -> str:
-    """Figure of plotly as JSON; arrays are packed, and the page gives it its colours."""
+    """Figure of plotly as JSON; arrays are packed, and the page sets its colours."""
     return graph_objects.Figure(data=data, layout={"template": "none", **layout}).to_json()
 
 
 def _harmless(text: str) -> str:
-    """JSON that does not end the script that it is in."""
+    """JSON that does not end the script that contains it."""
     return text.replace("<", "\\u003c")

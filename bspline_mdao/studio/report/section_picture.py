@@ -1,4 +1,4 @@
-"""The picture that the optimisation of a section ends in: pressures and sections before and after."""
+"""The final picture of a section's optimisation: pressures and sections before and after."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .contents import RECORD, axes_of, shapes_of
 __all__ = ["plot_section"]
 
 WIDTH, HEIGHT = 5.2, 6.2
-"""Inches of a picture for each flight condition, and in all; the least width is 6.5."""
+"""Inches of a picture for each flight condition, and in total; the smallest width is 6.5."""
 
 NEAR = 1e-9
 """Distance of the cut from the plane of the first nodes, in depths of the grid: along edges, not between nodes."""
@@ -34,9 +34,9 @@ def plot_section(
 ) -> Path:
     """Draw pressures around a section, and the section, before and after an optimisation.
 
-    There is a picture of the pressures for each flight condition, with the critical one where the flow can be
-    supersonic, and lift and drag where they are recorded. Sections are the curves through all nodes of the wall, in
-    equal scales.
+    There is a plot of the pressures for each flight condition, with the critical pressure if the flow can be
+    supersonic, and lift and drag if they are recorded. Sections are the curves through all nodes of the wall, at equal
+    scales.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def plot_section(
     model : FittedModel
         The model that was optimised: the grid about a section, see `SurfaceGrid.is_section`.
     most : int
-        Flight conditions that are drawn at most.
+        Largest number of flight conditions to draw.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def plot_section(
     Raises
     ------
     InputError
-        If the grid is not that of a section, nothing of its shape is recorded, or matplotlib is not installed.
+        If the grid is not about a section, nothing of its shape is recorded, or matplotlib is not installed.
     """
     path = Path(path)
     if path.suffix != ".png":
@@ -85,7 +85,7 @@ def plot_section(
                 panels["section"].plot(*line.T, **style)
             for name in flows:
                 quads = shape.nodes[corners][..., order]
-                # of several elements, faces are in the order of no line
+                # with several elements, faces do not follow a line
                 marks = {"marker": ".", "markersize": 2.5, "linestyle": "-" if len(lines) == 1 else "none"}
                 label = shape.label.lower() + _loads(history, name, numbers[shape.label])
                 place = float(quads[..., 2].mean())
@@ -101,7 +101,7 @@ def plot_section(
 
 
 def _finish(panel: Any, history: CaseHistory, name: str) -> None:
-    """Title and legend of the pressures of a flow, and the critical one if it is in their range."""
+    """Title and legend of the pressures of a flow, and the critical pressure if it is in their range."""
     mach = _number(history, name, "Mach_number", 0)
     if mach is not None:
         condition = name.rpartition(".")[0]
@@ -122,7 +122,7 @@ def _loads(history: CaseHistory, name: str, case: int) -> str:
 
 
 def _number(history: CaseHistory, name: str, other: str, case: int) -> float | None:
-    """An output of the flow that also has the pressures of this name; None where it is not recorded."""
+    """An output of the flow that has the pressures of this name; None if it is not recorded."""
     other = name.removesuffix("Cp") + other
     responses = [quantity.values[case] for quantity in history.quantities if quantity.name == other]
     recorded = history.outputs.get(other, {})

@@ -12,13 +12,13 @@ __all__ = ["Axes", "Shape"]
 
 @dataclass(frozen=True)
 class Axes:
-    """Axes of the grid that sections are drawn in."""
+    """Axes of the grid in which sections are drawn."""
 
     # downstream, span, up: numbers of the axes of the grid, from 0
     downstream: int
     span: int
     up: int
-    is_guessed: bool = False  # whether no flow says so
+    is_guessed: bool = False  # whether no flow defines them
     unit: str = "m"  # unit of lengths along them
 
     @property
@@ -29,21 +29,9 @@ class Axes:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A shape of the grid.
-
-    Parameters
-    ----------
-    label : str
-        What it is called.
-    nodes : ndarray, shape (n_nodes, 3)
-        Nodes of the grid (m).
-    control_points : ndarray, shape (n_control_points, 3), or None
-        Control points (m); None where they are not known.
-    pressures : mapping of str to ndarray, shape (n_faces,)
-        Pressure coefficients of the wall faces, by the name of the output.
-    """
+    """A shape of the grid."""
 
     label: str
-    nodes: np.ndarray
-    control_points: np.ndarray | None
-    pressures: Mapping[str, np.ndarray] = field(default_factory=dict)
+    nodes: np.ndarray  # (n_nodes, 3), of the grid (m)
+    control_points: np.ndarray | None  # (n_control_points, 3) (m); None if unknown
+    pressures: Mapping[str, np.ndarray] = field(default_factory=dict)  # of wall faces, (n_faces,), by output

@@ -1,7 +1,7 @@
-"""The drawing in space that can be turned: walls, control points, planes of symmetry, and the worst cells.
+"""The interactive 3D view: walls, control points, planes of symmetry, and the worst cells.
 
-Every trace says in its ``meta`` what it belongs to: a ``layer`` that is shown or hidden, the ``shape``, and the
-``color`` of the walls. The page chooses among them.
+Every trace gives in its ``meta`` what it belongs to: a ``layer`` that is shown or hidden, the ``shape``, and the
+``color`` of the walls. The page selects among them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["DRAWN", "camera", "space_traces"]
 
 @dataclass(frozen=True)
 class _Style:
-    """How a layer is drawn: colours show on light and on dark ground."""
+    """How a layer is drawn: its colours are visible on light and on dark ground."""
 
     color: str
     width: float  # of lines
@@ -36,10 +36,10 @@ STYLES = {
     "worst": _Style("#cc3311", 1.0, 5.0),
     "blocks": _Style("#009e73", 2.0),
 }
-"""Layers that can be shown or hidden; what they are called is up to the subject."""
+"""Layers that can be shown or hidden; the subject names them."""
 
 DRAWN = ("lines", "symmetry")
-"""Layers that are shown at first."""
+"""Layers that are visible at first."""
 
 WALL = "#8fb8dc"
 """Colour of walls."""
@@ -48,17 +48,17 @@ FAR = 1e5
 """Distance of the light, in units of plotly's scene."""
 
 LIGHT = {"ambient": 0.6, "diffuse": 0.7, "specular": 0.1, "roughness": 0.7, "fresnel": 0.05}
-"""How walls shine."""
+"""Lighting of walls."""
 
 
 def space_traces(
-    shapes: Sequence[Shape],  # what is reported
-    subject: Subject,  # of what these are shapes
+    shapes: Sequence[Shape],  # shapes of the report
+    subject: Subject,  # the model of the shapes
     axes: Axes,  # its axes
-    walls: Walls,  # what is drawn of its walls
+    walls: Walls,  # drawn part of its walls
     marks: Sequence[Sequence[Mark]],  # the worst cells of each shape
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:  # traces; colors: names of the colours by their keys
-    """Traces of plotly for all shapes, and the colours of walls that there are."""
+    """Traces of plotly for all shapes, and the available colours of walls."""
     colors = {"plain": "Plain"}
     values = [_values(shape, subject, walls) for shape in shapes]
     if len(shapes) > 1:
@@ -95,7 +95,7 @@ def space_traces(
 
 
 def camera(axes: Axes, points: np.ndarray, has_symmetry: bool) -> dict[str, Any]:
-    """Place from which points (n, 3) on walls are seen: from upstream, above, and the side of the tip."""
+    """Viewpoint for points (n, 3) on walls: from upstream, from above, and from the side of the tip."""
     eye, up = np.zeros(3), np.zeros(3)
     middle = 0.5 * (points[:, axes.span].min() + points[:, axes.span].max())
     eye[axes.downstream], eye[axes.up] = -1.15, 0.95
@@ -113,7 +113,7 @@ def _is_drawn(layer: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Field:
-    """What colours the walls of a shape."""
+    """A field that colours the walls of a shape."""
 
     name: str
     values: np.ndarray  # (n,), at the nodes that are drawn
@@ -121,7 +121,7 @@ class _Field:
 
 
 def _values(shape: Shape, subject: Subject, walls: Walls) -> dict[str, _Field]:
-    """What colours the walls of a shape, by its key in the page."""
+    """The fields that colour the walls of a shape, by their keys in the page."""
     found = {}
     for name, pressures in shape.pressures.items():
         assert subject.pressure_faces is not None  # or there would be no pressures
@@ -131,7 +131,7 @@ def _values(shape: Shape, subject: Subject, walls: Walls) -> dict[str, _Field]:
         found["quality"] = _Field(quality.name, walls.of_faces(quality.corners, quality.values))
     heights = subject.heights
     if heights is not None and walls.are_walls:
-        with np.errstate(divide="ignore", invalid="ignore"):  # of cells that are flat or folded
+        with np.errstate(divide="ignore", invalid="ignore"):  # of flat or folded cells
             logarithms = np.log10(walls.of_nodes(heights.wall_rows, heights.heights(shape.nodes)))
         if np.isfinite(logarithms).all():
             found["height"] = _Field("Height of first cells (log10 of m)", logarithms)

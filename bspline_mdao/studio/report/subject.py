@@ -32,7 +32,7 @@ class Mark:
 class Layer:
     """Lines and points that are shown or hidden."""
 
-    key: str  # one of those of `.space.STYLES`
+    key: str  # a key of `.space.STYLES`
     lines: np.ndarray  # (n, 3), with gaps (m)
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (m, 3) (m)
 
@@ -48,7 +48,7 @@ class WallQuality:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the cells of all shapes are like."""
+    """The quality of the cells of all shapes."""
 
     card: tuple[str, str, str]  # key figure: what, how much, and a remark
     marks: Sequence[Sequence[Mark]]  # the worst cells of each shape
@@ -59,9 +59,9 @@ class Judgement:
 class Subject(ABC):
     """What a page shows of a model."""
 
-    source: str  # where the model comes from
-    space_title = "The grid"  # heading of the drawing in space
-    label = "Grid of the model"  # what the shape of the model is called
+    source: str  # origin of the model
+    space_title = "The grid"  # heading of the 3D view
+    label = "Grid of the model"  # name of the shape of the model
     unit: str  # of lengths
     baseline_points: np.ndarray  # (n_control_points, 3), control points of the model (m)
 
@@ -72,49 +72,49 @@ class Subject(ABC):
 
     @property
     def is_section(self) -> bool:
-        """Whether its walls are a section, the flow about which has no trailing vortices."""
+        """Whether its walls are a section, so a flow about it has no trailing vortices."""
         return False
 
     @property
     @abstractmethod
     def size(self) -> str:
-        """How large it is, in words."""
+        """Its size, in words."""
 
     @abstractmethod
     def nodes_at(self, control_points: np.ndarray | None = None) -> np.ndarray:
-        """Nodes for control points (m), those of the model by default, shape (n_nodes, 3)."""
+        """Nodes for control points (m), by default the model's, shape (n_nodes, 3)."""
 
     @property
     @abstractmethod
     def layers(self) -> dict[str, str]:
-        """Names of what can be shown or hidden, by their keys."""
+        """Names of the layers that can be shown or hidden, by their keys."""
 
     @property
     @abstractmethod
     def pressure_faces(self) -> np.ndarray | None:
-        """Corners of the wall faces in the order of ``Cp``, shape (n, 4); None where there is no flow about them."""
+        """Corners of the wall faces in the order of ``Cp``, shape (n, 4); None if there is no flow about them."""
 
     @abstractmethod
     def wall_quality(self, nodes: np.ndarray) -> WallQuality | None:
-        """Quality of the cells at walls with nodes (m); None where it is not known which these are."""
+        """Quality of the cells at walls with nodes (m); None if these cells are unknown."""
 
     @property
     @abstractmethod
     def across_symmetry(self) -> int | None:
-        """Axis across the largest plane of symmetry; None where there is none."""
+        """Axis normal to the largest plane of symmetry; None if there is none."""
 
     @property
     @abstractmethod
     def heights(self) -> WallHeights | None:
-        """Heights of the first cells at walls; None where there are none."""
+        """Heights of the first cells at walls; None if there are none."""
 
     @abstractmethod
     def walls(self, most_triangles: int) -> Walls:
-        """Choose what is drawn of the walls, with at most about so many triangles."""
+        """Choose the drawn part of the walls, with at most about so many triangles."""
 
     @abstractmethod
     def layers_of(self, shape: Shape, walls: Walls) -> Iterator[Layer]:
-        """What is drawn of a shape besides its walls."""
+        """Drawn layers of a shape besides its walls."""
 
     @abstractmethod
     def judge(self, shapes: Sequence[Shape]) -> Judgement:
@@ -122,7 +122,7 @@ class Subject(ABC):
 
     @abstractmethod
     def misses(self, shapes: Sequence[Shape]) -> list[tuple[str, str, list[float]]]:
-        """By how much periodic sides, and nodes that slide, are off, see `interface_table`."""
+        """Gaps of periodic sides and of sliding nodes, see `interface_table`."""
 
     @abstractmethod
     def section_charts(self, shapes: Sequence[Shape], walls: Walls, axes: Axes) -> list[Chart]:
@@ -136,12 +136,12 @@ class Subject(ABC):
     @property
     @abstractmethod
     def contents(self) -> tuple[str, str, list[Table]]:
-        """Key and title of the section that says what the model is, and its tables."""
+        """Key and title of the section that describes the model, and its tables."""
 
 
 @singledispatch
 def subject_of(model: Movable, slides: Sequence[Slide] = ()) -> Subject:
-    """Take what a page shows of a model, patches of whose blocks may slide on surfaces."""
+    """Make the page's view of a model; patches of its blocks may slide on surfaces."""
     raise InputError(f"report: nothing is known of a {type(model).__name__}; give a FittedModel or a MeshModel")
 
 
@@ -151,6 +151,6 @@ def off_surfaces(
     sliding: SlidingNodes,
     shapes: Sequence[Shape],
 ) -> tuple[str, str, list[float]]:
-    """How far nodes of shapes are from the surfaces that they slide on, see `Subject.misses`."""
+    """Distances of nodes of shapes from the surfaces on which they slide, see `Subject.misses`."""
     surfaces = ", ".join(dict.fromkeys(str(slide.surface) for slide in slides))
     return f"nodes of {', '.join(names)}", f"sliding on {surfaces}", [sliding.off(shape.nodes) for shape in shapes]

@@ -1,4 +1,4 @@
-"""Tables of the page: what is in their cells, ready to be printed."""
+"""Tables of the page, with cells ready to be printed."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ __all__ = [
 ]
 
 MOST_ROWS = 200
-"""Rows of a table; of more the first ones are shown, and it says how many there are."""
+"""Largest number of rows of a table; above it, the first ones are shown, with the total number."""
 
 OF_FLOWS = ("Mach_number", "alpha", *numbers("euler"))
-"""Inputs and outputs of flows that are one number, in the order in which they are shown."""
+"""Scalar inputs and outputs of flows, in the order in which they are shown."""
 
 AT_LIMIT = 1e-6
-"""Distance from a limit, by the distance of the limits, within which a variable is at it."""
+"""Distance from a limit, relative to the distance of the limits, within which a variable counts as at it."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Table:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """Write a number, or a dash where there is none."""
+    """Format a number, or a dash if there is none."""
     if value is None or not np.isfinite(value):
         return "–"
     return f"{value:.{digits}g}"
@@ -107,11 +107,11 @@ def height_table(shapes: Sequence[Shape], cells: WallHeights, unit: str) -> Tabl
 
 def interface_table(
     shapes: Sequence[Shape],
-    # what meets what, how, and by how much it misses with each shape (m)
+    # what meets what, how, and the gap with each shape (m)
     misses: Sequence[tuple[str, str, Sequence[float]]],
     unit: str,
-) -> Table | None:  # None where there is nothing of that kind
-    """Largest gaps of periodic sides, and distances of nodes from surfaces that they slide on."""
+) -> Table | None:  # None if there are no such sides or nodes
+    """Largest gaps of periodic sides, and distances of nodes from surfaces on which they slide."""
     if not misses:
         return None
     rows = [(what, how, *(number(miss, 3) for miss in of)) for what, how, of in misses]
@@ -121,7 +121,7 @@ def interface_table(
 
 
 def history_table(history: CaseHistory) -> Table:
-    """Objective and constraints at the first, the best and the last evaluation, beside their limits."""
+    """Objective and constraints at the first, the best and the last evaluation, with their limits."""
     rows = []
     for quantity in (*history.of_kind("objective"), *history.of_kind("constraint")):
         for k, name in enumerate(quantity.value_names[:MOST_ROWS]):
@@ -145,7 +145,7 @@ def history_table(history: CaseHistory) -> Table:
 def flow_table(
     history: CaseHistory,  # the optimisation
     is_section: bool = False,  # whether the flows are about a section
-) -> Table | None:  # A row for each flow, named as the subsystem that it is; None where no coefficient is recorded
+) -> Table | None:  # a row for each flow, named as its subsystem; None if no coefficient is recorded
     """Coefficients of every flow at the first and the best evaluation, as far as they are recorded."""
     found: dict[str, tuple[float, float]] = {}
     for quantity in history.quantities:
@@ -166,7 +166,7 @@ def flow_table(
 
 
 def estimate_table(estimates: Mapping[str, ErrorEstimate]) -> Table | None:
-    """Coefficients at the end, and on a finer grid; None where none is estimated."""
+    """Coefficients at the end, and on a finer grid; None if none is estimated."""
     rows = [
         (name, number(each.value), number(each.finer), number(each.remaining, 2)) for name, each in estimates.items()
     ]
@@ -179,7 +179,7 @@ def estimate_table(estimates: Mapping[str, ErrorEstimate]) -> Table | None:
 
 
 def _change(values: tuple[float, float] | None) -> str:
-    """Write a number before and after, once where it stays."""
+    """Format a number before and after, once if it is unchanged."""
     if values is None:
         return "–"
     before, after = (number(value, 4) for value in values)
@@ -209,7 +209,7 @@ def variable_table(history: CaseHistory) -> Table:
 
 
 def fit_table(model: FittedModel) -> Table:
-    """How good the fit is."""
+    """Quality of the fit."""
     report, worst, unit = model.report, model.report.worst, model.header.length_unit
     place = f"node ({worst.i}, {worst.j}, {worst.k}) of block {worst.block}"
     rows = [
@@ -228,13 +228,13 @@ def fit_table(model: FittedModel) -> Table:
 
 
 def _in_widths(report: FitReport) -> str:
-    """Where the error is largest by the width of the cells."""
+    """Places of the largest errors relative to the width of the cells."""
     places = f"{report.worst_local}" if report.worst_local else "–"
     return f"{places}; on walls {report.worst_on_walls}" if report.worst_on_walls else places
 
 
 def _bound(value: float, lower: float, upper: float) -> str:
-    """Which bound a value is at."""
+    """The bound at which a value is."""
     near = AT_LIMIT * (upper - lower if np.isfinite(upper - lower) else max(1.0, abs(value)))
     return "lower" if value <= lower + near else "upper" if value >= upper - near else "no"
 

@@ -1,4 +1,4 @@
-"""Walls as they are drawn: faces of few enough triangles, values on them, sections through them."""
+"""Walls as they are drawn: faces with few enough triangles, values on them, sections through them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ __all__ = ["DrawnWalls", "WallHeights", "Walls", "lines_near", "means_at", "net_
 
 
 class Walls(Protocol):
-    """Walls as they are drawn, or the whole boundary where there are none."""
+    """Walls as they are drawn, or the whole boundary if there are none."""
 
     @property
     def how_fewer(self) -> str:
-        """How fewer triangles are drawn than there are."""
+        """How the number of triangles is reduced."""
 
     @property
     def are_walls(self) -> bool:
@@ -44,7 +44,7 @@ class Walls(Protocol):
         """Corners of the triangles among `rows`, shape (n_triangles, 3)."""
 
     def quads(self) -> np.ndarray:
-        """Corners of all faces of the walls, shape (n, 4), as rows; triangles may have their last corner twice."""
+        """Corners of all faces of the walls, shape (n, 4), as rows; triangles may repeat their last corner."""
 
     def lines(self, nodes: np.ndarray) -> np.ndarray:
         """Lines of what is drawn, with gaps, shape (n, 3)."""
@@ -53,7 +53,7 @@ class Walls(Protocol):
         """Means, at the nodes that are drawn, of values (n,) of faces with these corners (n, 4)."""
 
     def of_nodes(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Means of values (n,) at nodes by their rows, at those that are drawn; the smallest where there is none."""
+        """Means of values (n,) at nodes by their rows, at the drawn nodes; the smallest where there is none."""
 
 
 class WallHeights(Protocol):
@@ -65,7 +65,7 @@ class WallHeights(Protocol):
 
     @property
     def baseline(self) -> np.ndarray:
-        """Heights before (m), shape (n,)."""
+        """Heights on the baseline (m), shape (n,)."""
 
     @property
     def wall_rows(self) -> np.ndarray:
@@ -80,19 +80,19 @@ class WallHeights(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class DrawnWalls:
-    """The walls of a grid, or its whole boundary where no patch is a wall."""
+    """The walls of a grid, or its whole boundary if no patch is a wall."""
 
     # tuple of ndarray of int, each of shape (n, m) of int, rows of their nodes in the grid
     faces: tuple[np.ndarray, ...]
-    drawn: tuple[np.ndarray, ...]  # of int, those that are drawn: every n-th line of each face, and its ends
-    sources: np.ndarray  # (n_nodes,) of int, row that each node of the grid is a copy of
+    drawn: tuple[np.ndarray, ...]  # of int, the drawn nodes: every n-th line of each face, and its ends
+    sources: np.ndarray  # (n_nodes,) of int, row that each node of the grid copies
     are_walls: bool  # whether these are walls
 
     how_fewer = "lines are left out"
 
     @classmethod
     def of(cls, topology: Topology, nodes: np.ndarray, most_triangles: int) -> DrawnWalls:
-        """Choose what is drawn of the walls of a grid, nodes (n_nodes, 3), with at most about so many triangles."""
+        """Choose the drawn part of the walls of a grid, nodes (n_nodes, 3), with at most about so many triangles."""
         faces = boundary_faces(topology, nodes, "wall")
         are_walls = bool(faces)
         faces = faces or boundary_faces(topology, nodes, None)
@@ -133,23 +133,23 @@ class DrawnWalls:
         return self.of_nodes(corners.ravel(), np.repeat(values, 4))
 
     def of_nodes(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Means, at the nodes that are drawn, of values (n,) at nodes; where there is none the smallest."""
+        """Means, at the nodes that are drawn, of values (n,) at nodes; where there is none, the smallest."""
         return means_at(self.sources[self.rows], self.sources[rows], values)
 
 
 def means_at(
     asked: np.ndarray,  # (m,) of int, rows of nodes
-    rows: np.ndarray,  # (n,) of int, rows that values are of, in any order and number
+    rows: np.ndarray,  # (n,) of int, rows of the values, in any order and number
     values: np.ndarray,  # (n,)
 ) -> np.ndarray:  # (m,)
-    """Means of values at nodes; where there is none the smallest."""
+    """Means of values at nodes; where there is none, the smallest."""
     n = 1 + int(max(asked.max(initial=-1), rows.max(initial=-1)))
     sums, counts = np.bincount(rows, values, n)[asked], np.bincount(rows, minlength=n)[asked]
     return np.where(counts > 0, sums / np.maximum(counts, 1), values.min(initial=np.inf))
 
 
 def net_lines(nets: Sequence[np.ndarray]) -> np.ndarray:
-    """Lines of all directions of nets, each of shape (n, m, 3) or (n, m, l, 3), in one, with a gap behind each."""
+    """Lines of all directions of nets, each of shape (n, m, 3) or (n, m, l, 3), as one, with a gap after each."""
     parts = [np.zeros((0, 3))]
     for net in nets:
         for axis in range(net.ndim - 1):
@@ -163,14 +163,14 @@ def net_lines(nets: Sequence[np.ndarray]) -> np.ndarray:
 def lines_near(
     lines: np.ndarray,  # (n, 3), lines with gaps
     points: np.ndarray,  # (m, 3)
-    reach: float,  # how far they are kept around the box of the points, in its longest side
+    reach: float,  # margin around the box of the points, in units of its longest side
 ) -> np.ndarray:
-    """Lines around points; what is farther away is a gap."""
+    """Lines near points; what is farther away is a gap."""
     low, high = points.min(axis=0), points.max(axis=0)
     beyond = reach * (high - low).max()
     lines = np.where(np.all((lines >= low - beyond) & (lines <= high + beyond), axis=1)[:, None], lines, np.nan)
     is_gap = np.isnan(lines[:, 0])
-    return lines[~(is_gap & np.append(False, is_gap[:-1]))]  # one gap in the place of many
+    return lines[~(is_gap & np.append(False, is_gap[:-1]))]  # one gap in place of many
 
 
 def boundary_faces(topology: Topology, nodes: np.ndarray, kind: str | None) -> tuple[np.ndarray, ...]:
@@ -185,17 +185,17 @@ def _n_triangles(face: np.ndarray) -> int:
 
 
 def _step(n_triangles: int, most: int) -> int:
-    """Every how many lines are drawn."""
+    """Step between drawn lines."""
     return max(1, math.ceil(math.sqrt(n_triangles / most)))
 
 
 def _every(n: int, step: int) -> np.ndarray:
-    """Lines that are drawn of n, both ends among them; the same from either end."""
+    """Drawn lines among n, both ends included; the same from either end."""
     half = np.arange(0, (n + 1) // 2, step)
     return np.unique(np.concatenate([half, n - 1 - half]))
 
 
 def every_line(faces: Sequence[np.ndarray], most_points: int) -> list[np.ndarray]:
-    """Faces with so few of their lines that they have at most about so many points."""
+    """Faces with a subset of their lines, such that they have at most about so many points."""
     step = _step(sum(face.size for face in faces), most_points)
     return [face[np.ix_(*(_every(n, step) for n in face.shape))] for face in faces]
