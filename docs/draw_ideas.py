@@ -1,6 +1,6 @@
 """Draw the ideas that pages of the theory begin with, one small picture for each.
 
-``python docs/draw_ideas.py`` writes ``docs/_static/ideas/*.png``; names behind it choose some. It takes fifteen seconds.
+``python docs/draw_ideas.py`` writes ``docs/_static/ideas/*.png``; names behind it choose some. It takes 15 seconds.
 """
 
 from __future__ import annotations
