@@ -1,15 +1,17 @@
 """Draw the pictures at the heads of the pages of theory on the movement of grids.
 
 ``python docs/draw_motion.py [NAME ...]`` writes ``docs/_static/ideas/NAME.png``, all of them without names. Those of
-rotations and movers are what the movers make; the others are sketches, drawn with the formulas of their pages.
+rotations, movers and lattices are what the movers make; the others are sketches with the formulas of their pages.
 """
 
 from __future__ import annotations
 
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import Delaunay
 
 import bspline_mdao as bm
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, draw_net, figure
@@ -196,7 +198,53 @@ def processes() -> None:
         bare(right, "control points: every process has all", **window)
 
 
-DRAWN = {draw.__name__: draw for draw in (rotations, movers, springs, grid_map, wall_layer, sliding, processes)}
+def triangles_about_section(path: Path) -> np.ndarray:
+    """Write a mesh of triangles about the NACA 0012 as SU2 does, and return its triangles."""
+    rings = bm.generators.section_o_grid(bm.generators.naca_section(0.12), 48, far=4.0).blocks[0].nodes[:-1, :, 0, :2]
+    sizes = np.linalg.norm(rings[:, 2:] - rings[:, 1:-1], axis=-1, keepdims=True)
+    rings[:, 1:-1] += 0.25 * sizes * np.random.default_rng(0).uniform(-1.0, 1.0, (*sizes.shape[:2], 2))
+    points, ring = rings.swapaxes(0, 1).reshape(-1, 2), np.arange(len(rings))
+    triangles = Delaunay(points).simplices
+    triangles = triangles[(triangles >= len(ring)).any(axis=1)]
+    rows = [f"NDIME= 2\nNELEM= {len(triangles)}", *("5 {} {} {}".format(*corners) for corners in triangles)]
+    rows += [f"NPOIN= {len(points)}", *("{} {}".format(*point) for point in points.tolist()), "NMARK= 2"]
+    for name, start in (("airfoil", 0), ("farfield", len(points) - len(ring))):
+        rows += [f"MARKER_TAG= {name}\nMARKER_ELEMS= {len(ring)}"]
+        rows += [f"3 {start + n} {start + (n + 1) % len(ring)}" for n in ring]
+    path.write_text("\n".join([*rows, ""]))
+    return triangles
+
+
+def background_lattice() -> None:
+    """Draw a mesh of triangles in its lattice, and both moved."""
+    with tempfile.TemporaryDirectory() as folder:
+        triangles = triangles_about_section(Path(folder) / "mesh.su2")
+        model = bm.meshes.fit_mesh(Path(folder) / "mesh.su2")
+    mesh = model.moving_mesh
+    rest = mesh.points
+    moved = model.mover.move(rest, turned(rest[mesh.surface_ids], np.deg2rad(40.0))).points
+    window = {"xlim": (-0.9, 1.9), "ylim": (-0.9, 0.9)}
+    with figure(IDEAS, "background_lattice", (8.5, 2.2), n_colours=64) as drawing:
+        states = {
+            "mesh in its lattice": rest,
+            "walls move, the lattice follows": moved,
+            "nodes follow the lattice": moved,
+        }
+        for n, (axes, (title, points)) in enumerate(zip(drawing.subplots(1, 3), states.items())):
+            nodes = model.node_map.at(points).nodes
+            if n != 1:
+                axes.triplot(*nodes[: triangles.max() + 1, :2].T, triangles, color=GRAY, linewidth=0.4)
+            if n != 2:
+                draw_net(axes, points[model.control_ids[0]][:, :, 0, :2], color=ORANGE, linewidth=0.7)
+            wall = nodes[np.r_[:48, 0], :2]
+            axes.fill(*wall.T, facecolor="white", edgecolor=BLUE, linewidth=1.4, zorder=3)
+            bare(axes, title, **window)
+
+
+DRAWN = {
+    draw.__name__: draw
+    for draw in (rotations, movers, springs, grid_map, wall_layer, sliding, background_lattice, processes)
+}
 
 
 def main(*names: str) -> None:
