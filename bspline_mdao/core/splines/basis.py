@@ -1,17 +1,17 @@
 """B-spline basis functions, Eqs. (2) and (4): values and derivatives in the parameters and in the knots.
 
-On the span ``T[s] <= xi < T[s+1]`` (numbered from 0) only the ``p`` functions ``s-p+1 .. s`` differ from zero, and they
-depend on the ``2p - 2`` *local knots* ``T[s-p+2] .. T[s+p-1]`` alone. They are found by the de Boor triangle: from one
-order to the next each function passes the fraction ``(xi - a) / (b - a)`` of its value, [a, b] being its interval, to
+On the span ``T[s] <= xi < T[s+1]`` (numbered from 0) only the ``p`` functions ``s-p+1 .. s`` differ from zero. They
+depend only on the ``2p - 2`` *local knots* ``T[s-p+2] .. T[s+p-1]`` and are found by the de Boor triangle: from one
+order to the next each function, whose interval is [a, b], passes the fraction ``(xi - a) / (b - a)`` of its value to
 its right-hand neighbour and keeps the rest. So no interval is empty, the sum stays one, and at an end of the parameter
-range the end function is one to the last bit. The first and the last span continue beyond the ends, so that ``xi = 1``,
+range the end function is one to the last bit. The first and the last span continue beyond the ends. Hence ``xi = 1``,
 and a parameter that round-off has moved out of [0, 1], need no special care.
 
-The triangle stands here three times: in numbers (`raise_order`), with first derivatives in any variables that parameter
+The triangle is here three times: in numbers (`raise_order`), with first derivatives in any variables that parameter
 and knots depend on (`basis_derivatives`), and with second derivatives in three (`basis_jets_at`).
 Theory: ``docs/theory/splines.rst``.
 
-The functions with an ``out`` argument are called from other numba kernels, once per point; the ones without it take
+The functions with an ``out`` argument are called from other numba kernels, once per point. Those without it take
 arrays of points and an object of `bspline_mdao.core.splines.knots`.
 
 References
@@ -83,7 +83,7 @@ def raise_order(T, s, r, xi, values):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def basis_derivatives(
     T,  # (N + p,), knots
-    d_T,  # (N + p, n), derivatives of the knots in the variables; only those of the local knots are read
+    d_T,  # (N + p, n), derivatives of the knots in the variables; only the rows of the local knots are read
     # order p and span
     order,  # int
     s,  # int
@@ -98,7 +98,7 @@ def basis_derivatives(
     out[0, 0], out[0, 1:] = 1.0, 0.0
     for r in range(1, order):
         out[r] = 0.0
-        for m in range(r - 1, -1, -1):  # downwards, so that what is passed on lands behind
+        for m in range(r - 1, -1, -1):  # downwards: what is passed on goes to the next place
             low, high = s + 1 - r + m, s + 1 + m
             per_width = 1.0 / (T[high] - T[low])
             fraction, value = (xi - T[low]) * per_width, out[m, 0]
@@ -190,7 +190,7 @@ def _values_at_points(T, order, xi, spans, values):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _values_at_points_bilinear(corners, order, xi, s, t, spans, values):
-    """`_values_at_points` with bilinear knots, which are found point by point and so stay in the cache."""
+    """`_values_at_points` with bilinear knots, which are evaluated point by point to stay in the cache."""
     knots = np.empty(corners.shape[2])
     for q in range(xi.size):
         bilinear_knots(corners, s[q], t[q], knots)
@@ -270,7 +270,7 @@ def basis(knots: Knots, xi: ArrayLike, s: ArrayLike = 0.0, t: ArrayLike = 0.0) -
     xi : array_like, shape (n,)
         Parameter of this direction.
     s, t : array_like, shape (n,)
-        The other two parameters, in cyclic order. Constant knots do not look at them.
+        The other two parameters, in cyclic order. Constant knots ignore them.
 
     Returns
     -------
@@ -324,7 +324,7 @@ def basis_gradients(
 
 
 def _chunks(n: int) -> list[slice]:
-    """Points at a time where the knots are a user's functions, so that these knots stay in the cache."""
+    """Points at a time if the knots are a user's functions, small enough for these knots to stay in the cache."""
     return [slice(start, start + 4096) for start in range(0, n, 4096)]
 
 
@@ -345,7 +345,7 @@ def basis_jets(
     spans : ndarray of int, shape (n,)
         Span of each point.
     jets : ndarray, shape (n, p, 1 or 4 or 10)
-        Values, then first derivatives in xi, s and t, then second ones: xi xi, xi s, xi t, s s, s t, t t.
+        Values, first derivatives in xi, s and t, then second derivatives in xi xi, xi s, xi t, s s, s t and t t.
 
     Examples
     --------

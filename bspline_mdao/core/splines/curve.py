@@ -68,7 +68,7 @@ def _on_the_curve(xi: ArrayLike) -> np.ndarray:
 
 
 def uniform_parameters(curve: Curve, n: int) -> np.ndarray:
-    """Parameters of which the image is a uniform one-dimensional mesh, section II.B.
+    """Parameters whose image is a uniform one-dimensional mesh, section II.B.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def uniform_parameters(curve: Curve, n: int) -> np.ndarray:
     array([0., 1., 2., 3., 4.])
     """
     # Uniform control points, knots and parameters do not give a uniform mesh, because the basis functions near the ends
-    # are not symmetric. This is the change of parameter that does.
+    # are not symmetric. This change of parameter makes it uniform.
     steps = np.diff(curve.control_points, axis=0)
     if steps.shape[1] != 1 or not (np.all(steps > 0) or np.all(steps < 0)):
         raise InputError("uniform parameters: a curve that is not monotone; give one increasing coordinate")
@@ -107,7 +107,7 @@ def uniform_parameters(curve: Curve, n: int) -> np.ndarray:
 
 
 def _invert(curve: Curve, x: np.ndarray) -> np.ndarray:
-    """Solve ``curve(xi) = x`` of a monotone curve by bisection, which kinks and flat stretches do not disturb."""
+    """Solve ``curve(xi) = x`` of a monotone curve by bisection, which is robust to kinks and flat stretches."""
     low, high = np.zeros_like(x), np.ones_like(x)
     sign = np.sign(curve.control_points[-1, 0] - curve.control_points[0, 0])
     for _ in range(np.finfo(float).nmant + 2):

@@ -1,4 +1,4 @@
-"""Places of control points in parameter space (Greville abscissae), and of the corners at which spans meet.
+"""Parameters of control points (Greville abscissae), and of the corners at which spans meet.
 
 Theory: ``docs/theory/fit.rst``.
 """
@@ -21,7 +21,7 @@ MOST_ITERATIONS = 200
 
 
 def greville_abscissae(volume: Volume) -> np.ndarray:  # (N0, N1, N2, 3), parameters xi, eta, zeta in [0, 1]
-    """Give every control point of a volume its place in parameter space.
+    """Parameters that belong to the control points of a volume.
 
     Examples
     --------
@@ -31,14 +31,15 @@ def greville_abscissae(volume: Volume) -> np.ndarray:  # (N0, N1, N2, 3), parame
     [0.0, 0.167, 0.5, 0.833, 1.0]
     """
     # In a direction of order p, control point i is at the mean of the p - 1 knots ``T_{i+1} .. T_{i+p-1}``: with these
-    # coefficients the spline is the parameter itself. Curved knots depend on the other two parameters, which are those
-    # of the control point, so that all three are found together by fixed-point iteration.
+    # coefficients the spline is the parameter itself. Curved knots depend on the control point's other two parameters,
+    # so
+    # all three are found together by fixed-point iteration.
     return _fixed_point(volume, volume.n_control, _knot_means)
 
 
 def span_breaks(knots: Knots) -> np.ndarray:
-    """Numbers (from 0) of the knots at which the spans of a direction begin, and of the one at which the last ends."""
-    # Of equal knots it is the last, so that a break is the number of the span that begins there.
+    """Numbers (from 0) of the knots at which the spans of a direction begin, and of the knot that ends the last."""
+    # Of equal knots the last one counts: a break is then the number of the span that begins there.
     numbers = np.arange(knots.order - 1, knots.n_control + 1)
     if not isinstance(knots, ConstantKnots):
         return numbers  # inner knots that vary increase strictly
@@ -48,7 +49,7 @@ def span_breaks(knots: Knots) -> np.ndarray:
 def span_corners(
     volume: Volume,
 ) -> np.ndarray:  # (M0, M1, M2, 3), parameters at which the knots ``span_breaks`` of all three directions meet
-    """Give every corner of the spans of a volume its place in parameter space."""
+    """Parameters of the corners of the spans of a volume."""
     shape = tuple(len(span_breaks(knots)) for knots in volume.knots)
     return _fixed_point(volume, shape, _knot_breaks)
 
@@ -56,7 +57,7 @@ def span_corners(
 def _fixed_point(
     volume: Volume, shape: tuple[int, ...], rule: Callable[[Knots, np.ndarray, np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """Parameters of points, each of which is what ``rule`` makes of the knots there and of the point's index."""
+    """Parameters of points that satisfy ``rule``, a function of the knots there and of the point's index."""
     axes = (np.linspace(0.0, 1.0, n) if n > 1 else np.zeros(1) for n in shape)
     parameters, indices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3), np.indices(shape)
     for _ in range(MOST_ITERATIONS):
@@ -70,12 +71,12 @@ def _fixed_point(
 
 
 def _knot_means(knots: Knots, values: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Of the knots at each point, the mean that belongs to its own control point."""
+    """Mean of the knots at each point that belongs to its own control point."""
     sums, rows = np.cumsum(values, axis=1), np.arange(len(index))
     means = (sums[rows, index + knots.order - 1] - sums[rows, index]) / max(knots.order - 1, 1)
-    return means.clip(0.0, 1.0)  # running sums round
+    return means.clip(0.0, 1.0)  # running sums have rounding errors
 
 
 def _knot_breaks(knots: Knots, values: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Of the knots at each point, the one at which its own span begins."""
+    """Knot at each point at which its own span begins."""
     return values[np.arange(len(index)), span_breaks(knots)[index]]

@@ -1,12 +1,12 @@
 """Knot insertion and order elevation: more control points, the same geometry.
 
-Both are one idea. The control points of a spline of order p are the values of its *blossom*, the symmetric function
-``f(x_1, .., x_{p-1})`` that is affine in each argument and equals the spline's polynomial for equal arguments: control
-point ``i`` is ``f(T_{i+1}, .., T_{i+p-1})``. On other knots, the control points are the values of the same blossom at
-other arguments. The blossom of a basis function is the de Boor triangle with one argument in each step.
+Both follow from the *blossom* of a spline of order p, the symmetric function ``f(x_1, .., x_{p-1})`` that is affine in
+each argument and equals the spline's polynomial for equal arguments. Control point ``i`` is its value
+``f(T_{i+1}, .., T_{i+p-1})``. On other knots, the control points are values of the same blossom at other arguments. The
+blossom of a basis function is the de Boor triangle with one argument in each step.
 
-A knot goes into curved knots where its weights do not depend on the other parameters. Each is a quotient of two
-bilinear functions, so that this is so everywhere if it is so on the four edges.
+A knot can be inserted into curved knots if its weights do not depend on the other parameters. Each weight is a quotient
+of two bilinear functions, so this holds everywhere if it holds on the four edges.
 Theory: ``docs/theory/splines.rst``.
 
 References
@@ -30,20 +30,21 @@ SAME = 1e-13
 """Difference of weights between edges that is round-off."""
 
 EDGES = ((0, 0), (0, 1), (1, 0), (1, 1))
-"""The four edges of a direction, as they are numbered in `BilinearKnots`."""
+"""The four edges of a direction, numbered as in `BilinearKnots`."""
 
 
 def insert_knots(
     volume: Volume,  # a volume with constant or bilinear knots in this direction; the others may be curved
     control_points: np.ndarray,  # (N0, N1, N2, d)
     direction: int,  # 0, 1 or 2
-    # values to add, repeated for a higher multiplicity. Into bilinear knots also curved ones, by their values on the
-    # four edges, numbered as those of `BilinearKnots`
+    # values to add, repeated for a higher multiplicity; into bilinear knots also curved ones, by their values on the
+    # four
+    # edges, numbered as in `BilinearKnots`
     new_knots: ArrayLike,  # array_like (m,) or (2, 2, m)
 ) -> tuple[
     Volume, np.ndarray
 ]:  # volume Volume: the volume with ``m`` more knots; control_points: its control points, ``m`` more in this direction
-    """Insert knots in one direction of a volume, whose geometry does not change.
+    """Insert knots in one direction of a volume without changing its geometry.
 
     Examples
     --------
@@ -53,9 +54,10 @@ def insert_knots(
     >>> points.ravel()
     array([0., 2., 8.])
     """
-    # `InputError` if the new knots are outside (0, 1) or would be too many of one value, or the knots are curved so
-    # that no control points keep the geometry: the ``2 p - 2`` knots around a new one, and itself, have to be an affine
-    # image of the same numbers everywhere
+    # `InputError` if the new knots are outside (0, 1) or would be too many of one value, or if the knots are curved and
+    # no control points keep the geometry: everywhere, the new knot and the ``2 p - 2`` knots around it must be an
+    # affine
+    # image of the same numbers
     if isinstance(volume.knots[direction], BilinearKnots):
         for new_knot in np.moveaxis(_on_edges(new_knots), 2, 0):
             volume, control_points = _insert_curved(volume, control_points, direction, new_knot)
@@ -66,7 +68,7 @@ def insert_knots(
 
 
 def elevate_order(volume: Volume, control_points: np.ndarray, direction: int) -> tuple[Volume, np.ndarray]:
-    """Raise the order in one direction of a volume by one; geometry and continuity do not change.
+    """Raise the order in one direction of a volume by one; geometry and continuity stay the same.
 
     Examples
     --------
@@ -86,21 +88,21 @@ def elevate_order(volume: Volume, control_points: np.ndarray, direction: int) ->
 
 
 def insertion_matrix(
-    # every knot of the old ones is one of the new ones
+    # all old knots are among the new ones
     old: ConstantKnots,
     new: ConstantKnots,
-) -> np.ndarray:  # (new N, old N), its rows are non-negative and sum to one: control points are only ever averaged
-    """Matrix that takes control points to those on a finer knot vector of the same order."""
+) -> np.ndarray:  # (new N, old N), its rows are non-negative and sum to one: control points are averaged
+    """Matrix from control points to the control points on a finer knot vector of the same order."""
     p = old.order
     return np.array([_blossom(old, new.knots[i], new.knots[i + 1 : i + p]) for i in range(new.n_control)])
 
 
 def elevation_matrix(
-    # the new ones hold each distinct knot of the old ones once more, and are one order higher
+    # the new knots repeat each distinct old knot once more, and are one order higher
     old: ConstantKnots,
     new: ConstantKnots,
 ) -> np.ndarray:  # (new N, old N), its rows sum to one
-    """Matrix that takes control points to those of the order above."""
+    """Matrix from control points to the control points of the order above."""
     # The blossom of the higher order is the mean of the lower one over all ways to leave out one argument.
     p = old.order
     rows = np.zeros((new.n_control, old.n_control))
@@ -141,7 +143,7 @@ def _insert_curved(
 
 
 def _blossom(knots: ConstantKnots, xi: float, arguments: np.ndarray) -> np.ndarray:
-    """Blossoms of all basis functions, shape (N,), on the span that holds ``xi``, at ``p - 1`` ascending arguments."""
+    """Blossoms of all basis functions, shape (N,), on the span of ``xi``, at ``p - 1`` ascending arguments."""
     T, p = knots.knots, knots.order
     s = find_span(T, p, knots.n_control, xi)
     values = np.ones(p)

@@ -2,7 +2,7 @@
 
 The knots ``T_1 .. T_{N+p}`` of a direction are open: the first ``p`` are 0, the last ``p`` are 1. The ``N - p`` inner
 ones may depend on the other two parameters ``(s, t)``, taken in cyclic order: ``(eta, zeta)`` for the knots in xi,
-``(zeta, xi)`` for those in eta and ``(xi, eta)`` for those in zeta. Theory: ``docs/theory/splines.rst``.
+``(zeta, xi)`` for eta and ``(xi, eta)`` for zeta. Theory: ``docs/theory/splines.rst``.
 """
 
 from __future__ import annotations
@@ -212,8 +212,9 @@ def _blend_slopes(corners, s, t, out):
 class FunctionKnots(OneLine):
     """Knots given by the user's own functions of the other two parameters.
 
-    The functions give the ``N - p`` inner knots alone. These must increase strictly between 0 and 1, and be ``p - 2``
-    times continuously differentiable for a mapping that is. Knots of this kind cannot be stored in a file.
+    The functions give only the ``N - p`` inner knots, which must increase strictly between 0 and 1. For a mapping that
+    is
+    ``p - 2`` times continuously differentiable, they must be so too. Knots of this kind cannot be stored in a file.
 
     Parameters
     ----------
@@ -224,12 +225,12 @@ class FunctionKnots(OneLine):
     gradient : callable
         Returns their derivatives in s and t, shape (n, N - p, 2).
     hessian : callable, optional
-        Returns their second derivatives in ss, st and tt, shape (n, N - p, 3). Only second derivatives need it.
+        Returns their second derivatives in ss, st and tt, shape (n, N - p, 3). Needed only for second derivatives.
 
     Raises
     ------
     InputError
-        If an array has the wrong shape or the knots do not increase strictly, here or wherever they are evaluated.
+        If an array has the wrong shape or the knots do not increase strictly, here or when they are evaluated.
 
     Examples
     --------
@@ -302,7 +303,7 @@ def knots_to_array(knots: Knots) -> np.ndarray:
 
 
 def knots_from_array(array: np.ndarray, order: int) -> Knots:
-    """Return the knots that `knots_to_array` stored. `InputError` if the array holds no knots of this order."""
+    """Return the knots that `knots_to_array` stored; `InputError` if the array is not of knots of this order."""
     return (BilinearKnots if np.ndim(array) == 3 else ConstantKnots)(array, order)
 
 
@@ -340,7 +341,7 @@ def _check_open(
 
 
 def _check_increasing(knots: np.ndarray, order: int, n_control: int, multiplicity: int) -> None:
-    """Check that no knot falls and no more than `multiplicity` inner ones are equal."""
+    """Check that the knots do not decrease and at most ``multiplicity`` inner ones are equal."""
     falls = np.argwhere(np.diff(knots) < 0)
     if len(falls):
         i = falls[0, -1] + 1

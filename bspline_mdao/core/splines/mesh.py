@@ -16,7 +16,7 @@ from .volume import Volume
 
 @dataclass(frozen=True, eq=False)
 class BSplineMesh(OneLine):
-    """Volumes whose control points come from one list, each shared point being in it once."""
+    """Volumes whose control points come from one list with each shared point once."""
 
     volumes: tuple[Volume, ...]  # one volume per block
     # for each volume, the number of each of its control points in the list
@@ -49,7 +49,7 @@ class BSplineMesh(OneLine):
         self,
         control_points: np.ndarray,  # (n_control_points, ...), the list of control points
     ) -> list[np.ndarray]:  # each (N0, N1, N2, ...)
-        """Cut the list of control points into those of each volume."""
+        """Gather the control points of each volume from the list."""
         return [control_points[ids] for ids in self.control_ids]
 
 

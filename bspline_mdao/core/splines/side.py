@@ -1,7 +1,7 @@
 """One side of a B-spline volume as a surface, with its edges as ordinary B-spline curves.
 
-On a side the third parameter is 0 or 1. Its knots may still be curved: those of either direction depend on the other.
-Along an edge they are constant, so that edges are ordinary B-spline curves. Theory: ``docs/theory/cad.rst``.
+On a side the third parameter is 0 or 1. Its knots may still be curved: each direction's knots depend on the other
+parameter. Along an edge they are constant, so edges are ordinary B-spline curves. Theory: ``docs/theory/cad.rst``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ STRAIGHT = 1e-14
 """Knots that vary by less are straight: round-off of numbers up to one."""
 
 HESSIAN = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
-"""Column of each second derivative in what `evaluate_hessians` gives."""
+"""Column of each second derivative in the result of `evaluate_hessians`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class VolumeSide(OneLine):
 
     volume: Volume
     net: np.ndarray  # (N0, N1, N2, d), its control points (m)
-    # the side is where this direction of the volume, 0 to 2, has this parameter, 0 or 1
+    # the side is at this parameter, 0 or 1, of this direction of the volume, 0 to 2
     direction: int
     end: int
     axes: tuple[int, int]  # directions of the volume that are u and v
@@ -47,7 +47,7 @@ class VolumeSide(OneLine):
         return u, v
 
     def parameters(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Parameters of the volume, shape (n, 3), of those of the surface, each of shape (n,)."""
+        """Parameters of the volume, shape (n, 3), from the surface's, each of shape (n,)."""
         found = np.full((len(u), 3), float(self.end))
         found[:, self.axes[0]], found[:, self.axes[1]] = u, v
         return found
@@ -74,11 +74,11 @@ class VolumeSide(OneLine):
         return self.volume.knots[d].values(at[:, (d + 1) % 3].copy(), at[:, (d + 2) % 3].copy())
 
     def edge_knots(self, axis: int, end: int) -> ConstantKnots:
-        """Knots in u (axis 0) or v (axis 1) along the edge at which the other parameter is 0 or 1."""
+        """Knots in u (axis 0) or v (axis 1) along the edge where the other parameter is 0 or 1."""
         return ConstantKnots(self.knots(axis, np.array([float(end)]))[0], self.orders[axis])
 
     @property
     def is_straight(self) -> bool:
-        """Whether its knots do not vary over it: it is a tensor B-spline as it is."""
+        """Whether its knots are constant: then it is an ordinary tensor-product B-spline."""
         at = np.linspace(0.0, 1.0, 5)
         return all(np.ptp(self.knots(axis, at), axis=0).max() <= STRAIGHT for axis in (0, 1))

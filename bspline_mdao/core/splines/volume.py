@@ -2,8 +2,8 @@
 
 Curves and surfaces are volumes with one or two degenerate directions: one control point, order 1 and knots (0, 1).
 
-The sums over the sub-net of control points that a point depends on are here for all that is not the evaluator's own
-kernel (`bspline_mdao.core.evaluation.simd_contraction`): `basis_products` are the factors of the control points, rows
+The sums over the sub-net of control points that a point depends on are here for every use except the evaluator's own
+kernel (`bspline_mdao.core.evaluation.simd_contraction`). `basis_products` gives the factors of the control points, rows
 of the matrix of an evaluation or a fit, and `partial_sums` the derivatives. Theory: ``docs/theory/splines.rst``.
 """
 
@@ -20,7 +20,7 @@ from ...errors import InputError
 from .basis import basis, basis_gradients, basis_jets
 from .knots import ConstantKnots, Knots
 
-_CHUNK = 2048  # points at a time, so that their basis functions stay in the cache
+_CHUNK = 2048  # points at a time: their basis functions stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Volume(OneLine):
 def evaluate(
     volume: Volume,  # orders and knots
     control_points: np.ndarray,  # (N0, N1, N2, d), control points, of any dimension d
-    parameters: np.ndarray,  # (n, 3), parameters in [0, 1]; beyond, the polynomials of the nearest span continue
+    parameters: np.ndarray,  # (n, 3), parameters in [0, 1]; the polynomials of the end spans continue beyond
 ) -> np.ndarray:  # (n, d)
     """Points of the volume, Eq. (3).
 
@@ -76,7 +76,7 @@ def evaluate(
 
 
 def evaluate_gradients(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    """First derivatives of the points in xi, eta and zeta, the grid metrics, through curved knots as well.
+    """First derivatives of the points in xi, eta and zeta (grid metrics), including the effect of curved knots.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def evaluate_hessians(
     control_points: np.ndarray,
     parameters: np.ndarray,
 ) -> np.ndarray:  # (n, d, 6), derivatives in (0, 0), (0, 1), (0, 2), (1, 1), (1, 2) and (2, 2)
-    """Second derivatives of the points, through curved knots as well."""
+    """Second derivatives of the points, including the effect of curved knots."""
     # `InputError` if an array has the wrong shape, or knots come without second derivatives
     # volume, control_points, parameters: as for `evaluate`
     control_points, parameters = _as_arrays(volume, control_points, parameters)
@@ -139,23 +139,23 @@ def volume_basis(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Basis functions of all three directions at points."""
     # returns firsts int (n, 3): first control point that each point depends on, in each direction
-    # returns values (n, p0 + p1 + p2): the functions that differ from zero: those of xi, then eta, then zeta
+    # returns values (n, p0 + p1 + p2): the non-zero functions of xi, then eta, then zeta
     cyclic = [[parameters[:, (d + offset) % 3] for offset in range(3)] for d in range(3)]
     spans, values = zip(*[basis(knots, *is_cyclic) for knots, is_cyclic in zip(volume.knots, cyclic)])
     return np.stack([s - p + 1 for s, p in zip(spans, volume.orders)], axis=1), np.concatenate(values, axis=1)
 
 
 def volume_basis_gradients(volume: Volume, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return what `volume_basis` does, each value followed by its derivatives: shape (n, p0 + p1 + p2, 4)."""
+    """As `volume_basis`, with each value followed by its derivatives: shape (n, p0 + p1 + p2, 4)."""
     spans, gradients = zip(*[basis_gradients(knots, d, parameters) for d, knots in enumerate(volume.knots)])
     return np.stack([s - p + 1 for s, p in zip(spans, volume.orders)], axis=1), np.concatenate(gradients, axis=1)
 
 
 def sort_by_key(
-    keys: np.ndarray,  # int (n,), a number below ``n_keys`` that tells the sub-net of each point
+    keys: np.ndarray,  # int (n,), a number below ``n_keys`` for the sub-net of each point
     n_keys: int,  # number of keys
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sort points by the sub-net of control points that they depend on, those of one sub-net in their old order."""
+    """Sort points by the sub-net of control points that they depend on, stably."""
     # returns used int (m,): the keys that occur, ascending
     # returns starts int (m + 1,): first sorted point of each
     # returns order int (n,): number of each sorted point
@@ -182,7 +182,7 @@ def _counting_sort(keys, n_keys):
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def sub_net_ids(
     orders,  # tuple of three int
-    corner,  # int, number of the first of them among those of the volume
+    corner,  # int, number of the first of them in the volume
     steps,  # tuple of three int, from one to the next in each direction
     ids,  # int (p0 * p1 * p2,), receives the numbers
 ):
@@ -199,7 +199,7 @@ def sub_net_ids(
 def basis_products(
     orders,  # tuple of three int
     values,  # (p0 + p1 + p2,), functions of one point, see `volume_basis`
-    products,  # (p0 * p1 * p2,), receives the products, those of the last direction next to each other
+    products,  # (p0 * p1 * p2,), receives the products, the last direction fastest
 ):
     """Write the factors of the control points of a sub-net in Eq. (3): products of functions of three directions."""
     p_0, p_1, p_2 = orders
@@ -220,8 +220,8 @@ def partial_sums(
     sums,  # (p0 + p1 + p2, d), receives the sums
 ):
     """Write the derivatives of the triple sum of Eq. (3) in the basis functions to ``sums``."""
-    # They are the control points summed with the functions of two directions. All derivatives of a point follow: with
-    # derivatives of the functions in a variable as factors, they add up to that of the point in the variable.
+    # They are the control points summed with the functions of two directions. All derivatives of a point follow: summed
+    # with derivatives of the functions in a variable as factors, they give the derivative of the point in the variable.
     p_0, p_1, p_2 = orders
     sums[:] = 0.0
     for a in range(p_0):
@@ -292,8 +292,8 @@ def point_and_gradient(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sum_hessians(B, orders, firsts, jets, out):
     """Write the second derivatives of Eq. (3) to ``out``, shape (n, d, 6)."""
-    # Each has a part in which two directions are differentiated once, and one in which one is, twice. Jets of direction
-    # ``d`` are in the parameters ``d, d + 1, d + 2`` modulo 3.
+    # Each is a sum of a part with two directions differentiated once and a part with one differentiated twice. Jets of
+    # direction ``d`` are in the parameters ``d, d + 1, d + 2`` modulo 3.
     n_functions, n_0, n_01 = jets.shape[1], orders[0], orders[0] + orders[1]
     sums, values = np.empty((n_functions, B.shape[3])), np.empty(n_functions)
     number = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # of the derivative in two parameters
@@ -307,7 +307,7 @@ def _sum_hessians(B, orders, firsts, jets, out):
                     for x in range(out.shape[1]):
                         out[q, x, number[k, l]] += jets[q, m, 4 + number[(k - d) % 3, (l - d) % 3]] * sums[m, x]
         for e, start, end in ((0, 0, n_0), (1, n_0, n_01), (2, n_01, n_functions)):
-            for k in range(3):  # direction e in parameter k, another one in l
+            for k in range(3):  # direction e in parameter k, another direction in l
                 copy_row(jets[q, :, 0], values)
                 copy_row(jets[q, start:end, 1 + (k - e) % 3], values[start:end])
                 partial_sums(B, firsts[q], orders, values, sums)
