@@ -1,18 +1,18 @@
 """Closest points on fixed surfaces, and on curves in which several of them meet, with exact derivatives.
 
-The point q nearest to p with F_k(q) = h_k for the function of every surface k, h_k being its value for the point at
-rest, is that of
+The point q nearest to p with F_k(q) = h_k for the function of every surface k, where h_k is its value for the point at
+rest, solves
 
     q - p + sum_k l_k grad F_k(q) = 0,    F_k(q) = h_k .
 
-Newton's method finds q and the multipliers l from q = p; for one surface whose function is the distance it is there
-after one step, and at rest it does not step. By the implicit function theorem dq/dp is the first block of the inverse
-of the matrix
+Newton's method finds q and the multipliers l from q = p. For one surface whose function is the distance it converges in
+one step, and at rest it takes none. By the implicit function theorem dq/dp is the first block of the inverse of the
+matrix
 
     [ I + sum_k l_k H_k   J^T ]
     [ J                    0  ] ,
 
-H_k being the Hessians and J the gradients: it is symmetric. The block beside it is dq/dh.
+with the Hessians H_k and the gradients J. It is symmetric. The block next to it is dq/dh.
 
 Theory: ``docs/theory/sliding.rst``.
 """
@@ -32,15 +32,14 @@ from .fixed_surface import FixedSurface
 __all__ = ["Closest", "closest_on"]
 
 MAX_STEPS = 30
-"""Newton's method is given up after so many steps: from within a radius of curvature it takes fewer than ten."""
+"""Most steps of Newton's method: from within a radius of curvature it takes fewer than ten."""
 
 ROUND_OFF = 1e-14
-"""Steps below this part of the largest coordinate are rounding; one more follows, for the digits of derivatives."""
+"""Steps below this fraction of the largest coordinate are rounding; one more gives the derivatives their digits."""
 
 
 INDEFINITE = 1e-9
-"""The derivative at a point that is nearest has no negative eigenvalue: one below this, with the sign turned, is none
-of rounding."""
+"""The derivative at a nearest point has no negative eigenvalue; one below minus this is more than rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +51,7 @@ class Closest(OneLine):
     by_heights: np.ndarray  # (n, 3, n_surfaces), derivative in the heights
 
     def jvp(self, change: np.ndarray) -> np.ndarray:
-        """Change of the closest points with that of the points, both of shape (n, 3)."""
+        """Change of the closest points with a change of the points, both of shape (n, 3)."""
         return np.einsum("nij,nj->ni", self.jacobians, change)
 
     vjp = jvp
@@ -66,7 +65,7 @@ def closest_on(
     Parameters
     ----------
     surfaces : sequence of FixedSurface
-        One, or several: then points go to the curve, or the point, where they meet.
+        One surface, or several: then points go to the curve, or the point, in which these meet.
     points : ndarray, shape (n, 3)
         The points (m), real or complex.
     heights : ndarray, shape (n_surfaces, n), optional
@@ -84,7 +83,7 @@ def closest_on(
     InputError
         If a shape is wrong.
     MovementError
-        If a point has no closest one nearby: it is as far from a surface as the middle of its curvature, or the
+        If a point has no closest one nearby: it is as far from a surface as its centre of curvature, or the
         surfaces do not meet.
 
     Examples

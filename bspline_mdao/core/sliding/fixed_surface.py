@@ -1,8 +1,8 @@
-"""Surfaces that stay, and that points slide on: planes, cylinders, cones, spheres and surfaces of revolution.
+"""Fixed surfaces that points slide on: planes, cylinders, cones, spheres and surfaces of revolution.
 
-Each is a level set F = 0 of a smooth function of space, with its gradient and Hessian. That is all that anybody has to
-know of it: the closest point, alone or on the curve in which two of them meet, follows (`.closest`). The function of
-all but `Revolution` is the distance, positive outside.
+Each is a level set F = 0 of a smooth function of space, with its gradient and Hessian. Nothing else is needed: the
+closest point, on one surface or on the curve in which two meet, follows (`.closest`). For all except `Revolution` the
+function is the distance, positive outside.
 
 Theory: ``docs/theory/sliding.rst``.
 """
@@ -50,7 +50,7 @@ class FixedSurface(OneLine, ABC):
         """
 
     def near(self, points: np.ndarray) -> np.ndarray:
-        """Return places from which the search for the points nearest to given ones, shape (n, 3), can start (m)."""
+        """Starting points (m) of the search for the points nearest to given ones, shape (n, 3)."""
         return points
 
     def distances(self, points: np.ndarray) -> np.ndarray:
@@ -84,7 +84,7 @@ class _InMeridian(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _AboutAxis(FixedSurface):
-    """A surface of revolution: its function is one of x along the axis and of the distance r from it."""
+    """A surface of revolution, whose function depends on x along the axis and the distance r from it."""
 
     origin: Vector
     direction: Vector
@@ -99,7 +99,7 @@ class _AboutAxis(FixedSurface):
 
     @property
     def _about(self) -> str:
-        """The axis in words: by its name where it is one of coordinates, and where it is if not at the origin."""
+        """The axis in words: the name of a coordinate axis, or its direction, and a point if it misses the origin."""
         origin, along = self._axis
         along = along * np.sign(along[np.argmax(np.abs(along))])
         name = "xyz"[int(np.argmax(along))] if along.max() > 1.0 - STRAIGHT else f"the direction {_rounded(along)}"
@@ -132,10 +132,10 @@ class _AboutAxis(FixedSurface):
 
 
 STRAIGHT = 1e-9
-"""Departures of an axis from one of coordinates, and from the origin, that are rounding."""
+"""Largest departures of an axis from a coordinate axis, and from the origin, that are rounding."""
 
 ON_AXIS = 1e-12
-"""Points nearer to an axis than this part of their distance from its origin have no direction outwards."""
+"""Points nearer to an axis than this fraction of their distance from its origin have no outward direction."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -186,7 +186,7 @@ class Cone(_AboutAxis):
     origin : array_like, shape (3,)
         Its apex (m).
     direction : array_like, shape (3,)
-        From the apex along the axis to where it is wide, of any length.
+        From the apex along the axis, towards where the cone widens, of any length.
     half_angle : float
         Angle between axis and cone (rad), between 0 and pi / 2.
 
@@ -232,13 +232,13 @@ class Revolution(_AboutAxis):
     direction : array_like, shape (3,)
         Along the axis, of any length.
     profile : array_like, shape (n, 2)
-        Distances along the axis from the origin, ascending, and radii there (m), of 4 points at least: a cubic spline
-        with continuous curvature goes through them.
+        Distances along the axis from the origin, ascending, and radii there (m), at least 4 points. A cubic spline with
+        continuous curvature goes through them.
 
     Raises
     ------
     InputError
-        If the axis has no direction, or the profile is not one of radii along it.
+        If the axis has no direction, or the profile is not made of radii along it.
 
     Examples
     --------
@@ -288,14 +288,14 @@ class Sphere(FixedSurface):
     Parameters
     ----------
     center : array_like, shape (3,)
-        Its middle (m).
+        Its centre (m).
     radius : float
         Radius (m).
 
     Raises
     ------
     InputError
-        If the middle is no point, or the radius is not positive.
+        If the centre is not a point, or the radius is not positive.
 
     Examples
     --------
@@ -327,18 +327,18 @@ class Sphere(FixedSurface):
 
 
 FAR = 0.01
-"""Nodes farther from a given surface than this part of their size were meant for another one."""
+"""Nodes farther from a given surface than this fraction of their size were meant for another one."""
 
 
 def require_near(
     surface: FixedSurface,  # a surface that is given
     points: np.ndarray,  # (n, 3), nodes that are meant to be on it (m)
     place_of: Callable[[int], str],  # names one of them
-    what: str,  # what they are of, for messages
+    what: str,  # what they belong to, for messages
     size: str,  # what their size is called
     cure: str,  # what to do besides correcting the surface
 ) -> tuple[int, float]:  # the node that is farthest off, and by how much (m)
-    """Refuse a given surface that nodes are far from."""
+    """Refuse a given surface if nodes are far from it."""
     try:
         distances = surface.distances(points)
     except MovementError as error:
@@ -350,12 +350,12 @@ def refuse_far(
     distances: np.ndarray,  # (n,), of nodes from what they are meant to be on (m)
     points: np.ndarray,  # (n, 3), these nodes (m)
     place_of: Callable[[int], str],  # names one of them
-    what: str,  # what they are of, for messages
+    what: str,  # what they belong to, for messages
     whose: str,  # what they are meant to be on
     size: str,  # what their size is called
     cure: str,  # what to do besides correcting the surface
 ) -> tuple[int, float]:  # the node that is farthest off, and by how much (m)
-    """Refuse nodes that are far from what they are meant to be on."""
+    """Refuse nodes that are far from the surface that they are meant to be on."""
     worst, extent = int(np.argmax(distances)), float(np.linalg.norm(np.ptp(points, axis=0)))
     if distances[worst] > FAR * extent:
         raise InputError(
@@ -366,7 +366,7 @@ def refuse_far(
 
 
 def _rounded(vector: np.ndarray) -> str:
-    """A vector in few digits, without those of rounding."""
+    """A vector with few digits, free of rounding."""
     least = STRAIGHT * max(float(np.abs(vector).max()), 1.0)
     return f"({', '.join(f'{x:.6g}' for x in np.where(np.abs(vector) < least, 0.0, vector))})"
 

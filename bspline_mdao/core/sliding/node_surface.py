@@ -1,14 +1,14 @@
-"""A smooth surface through the nodes of a body that has no formula: triangles of a fuselage, quads of a wing.
+"""A smooth surface through the nodes of a body without a formula: triangles of a fuselage, quads of a wing.
 
-Every node has a unit normal n and a second fundamental form K, hence a paraboloid near it. The surface is where their
-mean is zero, weighted by the distance from the nodes [Shen, O'Brien, Shewchuk 2004; Kolluri 2005]:
+Every node has a unit normal n and a second fundamental form K, hence a paraboloid near it. The surface is the zero set
+of the paraboloids' mean, weighted by distance from the nodes [Shen, O'Brien, Shewchuk 2004; Kolluri 2005]:
 
     F(x) = sum_i w_i(x) q_i(x) / sum_i w_i(x),    q_i(x) = n_i . (x - p_i) - 1/2 (x - p_i)^T K_i (x - p_i) ,
 
     w_i(x) = (1 - s)^6 (35 s^2 + 18 s + 3)  with  s = |x - p_i| / r_i  within the reach r_i of the node, and 0 beyond
 
-[Wendland 1995], which has four continuous derivatives. Nodes are on it but for what the paraboloids of their neighbours
-miss, which is of third order in their distance.
+[Wendland 1995], which has four continuous derivatives. Nodes are on the surface up to the error of their neighbours'
+paraboloids, which is of third order in the distance between nodes.
 
 Theory: ``docs/theory/sliding.rst``.
 
@@ -41,14 +41,14 @@ class NodeSurface(FixedSurface):
     points: np.ndarray  # (m, 3), the nodes (m)
     normals: np.ndarray  # (m, 3), unit normals, all to one side
     curvatures: np.ndarray  # (m, 3, 3), second fundamental forms (1/m)
-    reaches: np.ndarray  # (m,), how far each counts (m)
+    reaches: np.ndarray  # (m,), distance up to which each counts (m)
 
     @cached_property
     def _tree(self) -> cKDTree:
         return cKDTree(self.points)
 
     def near(self, points: np.ndarray) -> np.ndarray:
-        """Places on the paraboloids of the nearest nodes: the function ends beyond the reach of nodes."""
+        """Points on the nearest nodes' paraboloids: beyond the reach of nodes the function is not defined."""
         node = self._tree.query(points.real)[1]
         d, normals = points - self.points[node], self.normals[node]
         d = d - (d * normals).sum(axis=1)[:, None] * normals
@@ -61,7 +61,7 @@ class NodeSurface(FixedSurface):
         reach = self.reaches[node]
         d = points[at] - self.points[node]
         s = np.sqrt((d * d).sum(axis=1)) / reach
-        # the weight, and its slope by s divided by s, once and twice: they are polynomials in s
+        # the weight, and its derivative in s divided by s, once and twice: these are polynomials in s
         weight = (1.0 - s) ** 6 * (35.0 * s**2 + 18.0 * s + 3.0)
         first, second = -56.0 * (1.0 - s) ** 5 * (5.0 * s + 1.0) / reach**2, 1680.0 * (1.0 - s) ** 4 / reach**4
         slope = first[:, None] * d
@@ -84,7 +84,7 @@ class NodeSurface(FixedSurface):
         return Levels(value, gradient, hessian / whole[:, None, None])
 
     def _near(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pairs of points and nodes that reach them, sorted by points, and where those of each point start."""
+        """Pairs of points and nodes that reach them, sorted by points, and where each point's pairs start."""
         found = cKDTree(points).query_ball_point(self.points, self.reaches * (1.0 - 1e-15))
         counts = np.array([len(each) for each in found])
         at = np.concatenate([np.zeros(0, dtype=int), *found]).astype(int)

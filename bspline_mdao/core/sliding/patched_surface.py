@@ -1,12 +1,12 @@
-"""A smooth surface of several patches, each through rows of points, whose seams nodes slide across.
+"""A smooth surface of several patches, each through rows of points; nodes slide across its seams.
 
-Each patch goes on smoothly beyond its edges, by its own spline. Within half a cell of a seam both sides count, with
-weights that are even at the seam and have two continuous derivatives,
+Each patch continues smoothly beyond its edges, by its own spline. Within half a cell of a seam both sides count, with
+weights that are equal at the seam and have two continuous derivatives,
 
     F = sum_i w_i F_i / sum_i w_i,      w_i = s(u_i) s(1 - u_i) s(v_i) s(1 - v_i),
 
 with the signed distance F_i from patch i, and the parameters u_i and v_i of its point nearest to p. So the function of
-space has no jump across seams, and neither have closest points. Of u(p), by which (S - p) . S_a = 0, the derivatives
+space has no jump across seams, and neither have closest points. The derivatives of u(p), for which (S - p) . S_a = 0,
 are, with M_ab = S_a . S_b + (S - p) . S_ab,
 
     M_ab u_b,k  = S_a,k
@@ -31,11 +31,11 @@ from .spline_surface import SplineSurface
 __all__ = ["PatchedSurface"]
 
 TOGETHER = 0.1
-"""Nearest points on two patches that are nearer to each other than this part of a cell are one place of the surface:
-what is behind a thin body is another."""
+"""Nearest points on two patches are one place of the surface if they are nearer to each other than this fraction of a
+cell; a point beyond a thin body is another place."""
 
 SMOOTH = np.cos(np.deg2rad(20.0))
-"""Patches that meet at more than 20 degrees have a kink there, and no closest point goes smoothly across it."""
+"""Patches that meet at more than 20 degrees have a kink, and no closest point moves smoothly across it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,13 +45,14 @@ class PatchedSurface(FixedSurface):
     Parameters
     ----------
     patches : sequence of array_like, each of shape (n, m, 3)
-        Rows of points (m) of each patch, as of `SplineSurface`; patches that meet have an edge in common, with the same
-        points or others. What is closed is given in two patches at least.
+        Rows of points (m) of each patch, as for `SplineSurface`. Patches that meet have an edge in common, with the
+        same
+        points or others. A closed surface takes at least two patches.
 
     Raises
     ------
     InputError
-        If one is no such rows, a patch meets no other, or two meet with a kink.
+        If a patch is not such rows, a patch meets no other, or two meet with a kink.
 
     Examples
     --------
@@ -77,7 +78,7 @@ class PatchedSurface(FixedSurface):
 
     @cached_property
     def _signs(self) -> np.ndarray:
-        """Signs by which the normals of all patches point to one side."""
+        """Signs that make the normals of all patches point to one side."""
         n = len(self._sides)
         signs, todo = np.zeros(n), [0]
         signs[0] = 1.0
@@ -102,7 +103,7 @@ class PatchedSurface(FixedSurface):
         there, is_near = second.feet(places)
         is_near &= second.is_within(there)
         is_near &= np.linalg.norm(second.point(there) - places, axis=1) <= TOGETHER * second.cell(there)
-        if np.count_nonzero(is_near) < 2:  # a corner is no edge
+        if np.count_nonzero(is_near) < 2:  # they meet at a corner, not along an edge
             return 0.0
         cosines = (second.normal(there[is_near]) * normals[is_near]).sum(axis=1)
         worst = int(np.argmin(np.abs(cosines)))
@@ -112,7 +113,7 @@ class PatchedSurface(FixedSurface):
         return float(np.sign(cosines[worst]))
 
     def levels(self, points: np.ndarray) -> Levels:
-        """Distance from the surface; of complex points to first order, as a complex step wants it."""
+        """Distance from the surface; for complex points to first order, as a complex step needs."""
         if np.iscomplexobj(points):
             real, step = self.levels(points.real), points.imag
             values = real.values + 1j * (real.gradients * step).sum(axis=1)

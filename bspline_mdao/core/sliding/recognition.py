@@ -1,8 +1,8 @@
-"""Which surface the nodes of a patch lie on: a cylinder, a cone, a sphere or one of revolution about a coordinate axis.
+"""The surface that the nodes of a patch lie on: a cylinder, cone, sphere or surface of revolution about x, y or z.
 
-The normals of the faces between nodes give a first guess: those of a cylinder are normal to its axis, those of a cone
-have one angle to it, and its tangent planes meet at the apex. The method of Gauss and Newton moves the surface as a
-rigid body, and changes its radius or angle, until the distances of the nodes are least.
+The normals of the faces between nodes give a first guess: a cylinder's are normal to its axis, a cone's have one angle
+to it, and its tangent planes meet at the apex. The Gauss-Newton method then moves the surface as a rigid body, and
+changes its radius or angle, until the distances of the nodes are least.
 
 Theory: ``docs/theory/sliding.rst``.
 """
@@ -22,15 +22,15 @@ from .fixed_surface import Cone, Cylinder, FixedSurface, Revolution, Sphere
 __all__ = ["recognised_surface"]
 
 N_STEPS = 20
-"""Steps of Gauss and Newton: the guess is near, and most of the digits are there after five."""
+"""Gauss-Newton steps: the guess is near, and five give most of the digits."""
 
 N_PER_INTERVAL = 8
-"""Nodes for each interval of a profile that is fitted to nodes which do not lie in rings."""
+"""Nodes for each interval of a profile that is fitted to nodes not lying in rings."""
 
 
 def recognised_surface(
     faces: Sequence[np.ndarray],  # each (ni, nj, 3), nodes of every side of the patch (m)
-    near: float,  # how far nodes may be off (m)
+    near: float,  # largest distance of nodes (m)
     what: str,  # the patch, for messages
 ) -> FixedSurface:
     """Surface that all nodes of a patch lie on; `InputError` where there is none."""
@@ -59,7 +59,7 @@ def _distance(surface: FixedSurface, nodes: np.ndarray) -> float:
 
 
 def _normals(faces: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Middles and unit normals, each (n, 3), of the quads between nodes, those without area left out."""
+    """Centres and unit normals, each (n, 3), of the quads between nodes that have an area."""
     middles, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for face in faces:
         corners = face[:-1, :-1], face[1:, :-1], face[1:, 1:], face[:-1, 1:]
@@ -72,7 +72,7 @@ def _normals(faces: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cylinders(nodes: np.ndarray, faces: Sequence[np.ndarray], near: float) -> Iterator[FixedSurface]:
-    """The cylinder whose axis is normal to the normals."""
+    """The cylinder whose axis is normal to the faces' normals."""
     _, normals = _normals(faces)
     along = np.linalg.svd(normals, full_matrices=False)[2][2] if len(normals) > 2 else np.eye(3)[0]
     across = np.linalg.svd(along[None])[2][1:]
@@ -116,11 +116,11 @@ _KINDS: dict[str, Callable[..., Iterator[FixedSurface]]] = {
     "a sphere": _spheres,
     "one of revolution": _revolutions,
 }
-"""In this order: two equal circles, such as a grid one cell deep has, are on a cylinder and on a sphere."""
+"""In this order: two equal circles, as in a grid one cell deep, are on a cylinder and on a sphere."""
 
 
 def _circle(points: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centre and radius of the circle or sphere nearest to points, shape (n, d), by squares of distances."""
+    """Centre and radius of the circle or sphere nearest to points, shape (n, d), in the least-squares sense."""
     middle = points.mean(axis=0)
     away = points - middle
     matrix = np.column_stack([2.0 * away, np.ones(len(away))])
@@ -129,7 +129,7 @@ def _circle(points: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _refined(surface: Cylinder | Cone | Sphere, nodes: np.ndarray) -> Iterator[FixedSurface]:
-    """The surface of its kind that is nearest to nodes; none where the way there leaves the kind."""
+    """The surface of the same kind nearest to the nodes; the best so far if an iterate is not of the kind."""
     middle, size = nodes.mean(axis=0), float(np.linalg.norm(np.ptp(nodes, axis=0)))
     best = surface, _distance(surface, nodes)
     try:
@@ -141,12 +141,12 @@ def _refined(surface: Cylinder | Cone | Sphere, nodes: np.ndarray) -> Iterator[F
             surface = _moved(surface, step[:3], step[3:6] / size, float(step[6]), middle)
             best = min(best, (surface, _distance(surface, nodes)), key=lambda found: found[1])
     except (InputError, MovementError):
-        pass  # of points in a plane, say: what was found before counts
+        pass  # as for points in a plane: the previous surface counts
     yield best[0]
 
 
 def _shape_rates(surface: Cylinder | Cone | Sphere, nodes: np.ndarray) -> np.ndarray:
-    """Derivatives of the distances, shape (n,), by the radius, or the half angle."""
+    """Derivatives of the distances, shape (n,), with respect to the radius or half angle."""
     if not isinstance(surface, Cone):
         return np.full(len(nodes), -1.0)
     x = (nodes - surface.origin) @ surface.direction
@@ -171,7 +171,7 @@ def _moved(
 
 def _profile(places: Sequence[np.ndarray], radii: Sequence[np.ndarray], near: float) -> np.ndarray | None:
     """Places along an axis and radii, shape (m, 2), of a smooth curve; None if there is none."""
-    # of the nodes of faces, whose places and radii are arrays (ni, nj)
+    # the places and radii of the nodes of each face are arrays (ni, nj)
     stations = [_stations(*of_face, near) for of_face in zip(places, radii)]
     rings = [of_face for of_face in stations if of_face is not None]
     if len(rings) == len(stations):
@@ -184,7 +184,7 @@ def _profile(places: Sequence[np.ndarray], radii: Sequence[np.ndarray], near: fl
         try:
             spline = make_lsq_spline(x, r, np.concatenate([[x[0]] * 4, inner, [x[-1]] * 4]))
         except (ValueError, np.linalg.LinAlgError):
-            return None  # nodes are too unevenly spread for so many intervals
+            return None  # nodes are spread too unevenly for so many intervals
         if np.abs(spline(x) - r).max() <= 0.5 * near:
             knots = np.concatenate([x[:1], inner, x[-1:]])
             between = np.unique(np.concatenate([knots, 0.5 * (knots[1:] + knots[:-1])]))
@@ -194,7 +194,7 @@ def _profile(places: Sequence[np.ndarray], radii: Sequence[np.ndarray], near: fl
 
 
 def _stations(x: np.ndarray, r: np.ndarray, near: float) -> np.ndarray | None:
-    """Places and radii, shape (n, 2), of the grid lines of a face that are rings; None if its lines are none."""
+    """Places and radii, shape (n, 2), of the rings that grid lines of a face are; None if they are not rings."""
     for direction in (0, 1):
         if max(np.ptp(values, axis=direction).max() for values in (x, r)) <= near:
             return np.column_stack([values.mean(axis=direction) for values in (x, r)])
@@ -202,7 +202,7 @@ def _stations(x: np.ndarray, r: np.ndarray, near: float) -> np.ndarray | None:
 
 
 def _merged(stations: np.ndarray, near: float) -> np.ndarray | None:
-    """Stations in order, those at one place as one; None if they are too few for a curve."""
+    """Stations in order, coincident ones merged; None if they are too few for a curve."""
     stations = stations[np.argsort(stations[:, 0])]
     firsts = np.concatenate([[0], np.flatnonzero(np.diff(stations[:, 0]) > near) + 1])
     counts = np.diff(np.append(firsts, len(stations)))

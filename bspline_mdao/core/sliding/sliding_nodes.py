@@ -1,8 +1,8 @@
-"""Nodes of patches that slide on fixed surfaces: where they are to be, from where control points take them.
+"""Nodes of patches that slide on fixed surfaces: their final positions, from where control points take them.
 
-A node stays as far from its surfaces as it is on the baseline: on them, but for the digits of the file or of a radius
-that somebody gave. So nothing moves at rest. A node of several surfaces, such as a casing and a plane of symmetry that
-ends on it, stays on all of them.
+A node stays as far from its surfaces as it is on the baseline: it is on them, up to the digits of the file or of a
+given radius. So nothing moves at rest. A node of several surfaces, such as a casing and a plane of symmetry that ends
+on it, stays on all of them.
 
 Theory: ``docs/theory/sliding.rst``.
 """
@@ -24,7 +24,7 @@ from .fixed_surface import FixedSurface, Plane
 __all__ = ["SlidNodes", "Slide", "SlidingGroup", "SlidingNodes"]
 
 INDEPENDENT = 1e-3
-"""A surface counts where its normal leaves those of the node's others by more than this (rad), as in planes."""
+"""A surface counts if its normal differs from the normals of the node's others by more than this (rad)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class SlidingGroup(OneLine):
 
     what: str  # for messages
     surfaces: tuple[FixedSurface, ...]
-    places: np.ndarray  # (m,) of int, which of the nodes that slide
+    places: np.ndarray  # (m,) of int, numbers among the sliding nodes
     heights: np.ndarray  # (n_surfaces, m), values of the functions of the surfaces on the baseline (m)
 
 
@@ -52,14 +52,14 @@ class SlidingNodes(OneLine):
 
     rows: np.ndarray  # (n,) of int, their rows in the grid vector, each shared node once, ascending
     groups: tuple[SlidingGroup, ...]
-    places: np.ndarray  # (n,) of int, which of the nodes they are whose places are asked for, see `among`
+    places: np.ndarray  # (n,) of int, their numbers among the nodes that are given, see `among`
 
     @classmethod
     def of(
         cls,
         topology: Topology,
         nodes: np.ndarray,  # (n_nodes, 3), the baseline (m)
-        slides: Sequence[Slide],  # the curved ones, and planes that nodes of these stay in as well
+        slides: Sequence[Slide],  # the curved ones, and planes that their nodes also stay in
     ) -> SlidingNodes:
         """Find the surfaces of every node."""
         numbers, copies = topology.layout.numbers, node_copies(topology)
@@ -70,7 +70,7 @@ class SlidingNodes(OneLine):
     @classmethod
     def of_members(
         cls,
-        slides: Sequence[Slide],  # the curved ones, and planes that nodes of these stay in as well
+        slides: Sequence[Slide],  # the curved ones, and planes that their nodes also stay in
         members: Sequence[np.ndarray],  # of int, nodes of each by their rows
         nodes: np.ndarray,  # (n_nodes, 3), the baseline (m)
     ) -> SlidingNodes:
@@ -88,7 +88,7 @@ class SlidingNodes(OneLine):
         return cls(rows, tuple(groups), np.arange(len(rows)))
 
     def off(self, nodes: np.ndarray) -> float:
-        """How far nodes of a grid, shape (n_nodes, 3), are from where they slide, at most (m)."""
+        """Largest distance (m) of nodes of a grid, shape (n_nodes, 3), from where they slide."""
         points = nodes[self.rows]
         heights = [
             (surface.levels(points[group.places]), height)
@@ -101,16 +101,16 @@ class SlidingNodes(OneLine):
         )
 
     def among(self, rows: np.ndarray) -> SlidingNodes:
-        """Return the same for nodes by their rows, (m,) of int, that these are some of."""
+        """The same nodes, numbered among nodes given by their rows, (m,) of int."""
         order = np.argsort(rows)
         return replace(self, places=order[np.searchsorted(rows, self.rows, sorter=order)])
 
     def at(self, asked: np.ndarray) -> SlidNodes:
-        """Where the nodes are to be, shape (n, 3), from where they and others are asked to be, shape (m, 3) (m)."""
+        """Positions of the nodes, shape (n, 3), from the requested ones of these and others, shape (m, 3) (m)."""
         return self._at(asked[self.places], [(group.heights, None) for group in self.groups])
 
     def from_baseline(self, asked: np.ndarray, baseline: np.ndarray) -> SlidNodes:
-        """Do the same from another baseline, shape (m, 3) (m), that decides how high above the surfaces they stay."""
+        """As `at`, with another baseline, shape (m, 3) (m), which sets the heights above the surfaces."""
         at_rest = baseline[self.places]
         heights = []
         for group in self.groups:
@@ -120,7 +120,7 @@ class SlidingNodes(OneLine):
         return self._at(asked[self.places], heights)
 
     def _at(self, points: np.ndarray, heights: Sequence[tuple[np.ndarray, np.ndarray | None]]) -> SlidNodes:
-        """Nodes of every group at its heights, (n_surfaces, m), with derivatives of these by the baseline, or none."""
+        """Nodes of every group at its heights, (n_surfaces, m), and these heights' derivatives in the baseline."""
         found, matrices = np.empty_like(points), np.empty((2, len(points), 3, 3), points.dtype)
         for group, (of_group, by_baseline) in zip(self.groups, heights):
             closest = closest_on(group.surfaces, points[group.places], of_group, group.what)
@@ -131,20 +131,20 @@ class SlidingNodes(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class SlidNodes(OneLine):
-    """Where nodes slid to, and its derivative."""
+    """Positions of nodes after sliding, with derivatives."""
 
     points: np.ndarray  # (n, 3), in metres
-    jacobians: np.ndarray  # (n, 3, 3), by where they were asked to be; symmetric
-    by_baseline: np.ndarray  # (n, 3, 3), by where they are on the baseline, by their heights; zero where that is fixed
+    jacobians: np.ndarray  # (n, 3, 3), with respect to the requested positions; symmetric
+    by_baseline: np.ndarray  # (n, 3, 3), with respect to the baseline, through the heights; zero if it is fixed
 
     def jvp(self, change: np.ndarray) -> np.ndarray:
-        """Change of the nodes with that of where they were asked to be, both of shape (n, 3)."""
+        """Change of the nodes with a change of the requested positions, both of shape (n, 3)."""
         return np.einsum("nij,nj->ni", self.jacobians, change)
 
     vjp = jvp
 
     def baseline_jvp(self, change: np.ndarray) -> np.ndarray:
-        """Change of the nodes with that of the baseline, both of shape (n, 3)."""
+        """Change of the nodes with a change of the baseline, both of shape (n, 3)."""
         return np.einsum("nij,nj->ni", self.by_baseline, change)
 
     def baseline_vjp(self, bar: np.ndarray) -> np.ndarray:
@@ -153,7 +153,7 @@ class SlidNodes(OneLine):
 
 
 def _independent(slides: Sequence[Slide], points: np.ndarray, is_on: np.ndarray) -> np.ndarray:
-    """Which of the surfaces of every node count, (n_slides, n): those with a normal that its others do not have."""
+    """Which surfaces of every node count, (n_slides, n): those whose normal none of its others has."""
     kept, basis = np.zeros_like(is_on), np.zeros((len(points), 3, 3))
     counts = np.zeros(len(points), dtype=int)
     for number in sorted(range(len(slides)), key=lambda n: isinstance(slides[n].surface, Plane)):

@@ -1,7 +1,7 @@
-"""A smooth surface through rows of points, for nodes that slide on a body that no formula has.
+"""A smooth surface through rows of points, for nodes that slide on a body without a formula.
 
-With the point S(u, v) that is nearest to p, its unit normal n and its fundamental forms I and II, the signed distance
-is F = (p - S) . n, its gradient n and its Hessian, with the two tangents as columns of T,
+With the point S(u, v) nearest to p, its unit normal n and its fundamental forms I and II, the signed distance is
+F = (p - S) . n, its gradient n and its Hessian, with the two tangents as columns of T,
 
     - T I^{-1} II (I - F II)^{-1} T^T .
 
@@ -26,16 +26,16 @@ __all__ = ["SplineSurface"]
 DEGREE = 3
 
 MARGIN = 0.1
-"""Parameters may leave those of the points, from 0 to 1, by so much: the surface goes on smoothly."""
+"""Parameters may leave the range of the points, 0 to 1, by this much: the surface continues smoothly."""
 
 N_STARTS = 4
-"""Places between two points, in both directions, of which the nearest is where the search starts."""
+"""Samples between two points, in both directions; the search starts at the nearest."""
 
 AWAY = 1.0
-"""Parameters that are farther than this from those of the middle come back to no point of the patch."""
+"""From parameters farther than this from the middle the search does not return to the patch."""
 
 MAX_STEPS = 50
-"""Newton's method takes some five; it is given up where it does not settle."""
+"""Most steps of Newton's method, which takes about five where it converges."""
 
 ROUND_OFF = 1e-14
 """Steps of parameters that are rounding."""
@@ -48,13 +48,13 @@ class SplineSurface(FixedSurface):
     Parameters
     ----------
     points : array_like, shape (n, m, 3)
-        Points in rows (m), 4 in each direction at least, without kinks: nodes of a face of a block, say. A bicubic
-        spline with continuous curvature goes through them.
+        Points in rows (m), at least 4 in each direction, without kinks, such as the nodes of a face of a block. A
+        bicubic spline with continuous curvature goes through them.
 
     Raises
     ------
     InputError
-        If they are no such rows, or neighbours coincide all along a line.
+        If they are not such rows, or neighbours coincide all along a line.
 
     Examples
     --------
@@ -106,7 +106,7 @@ class SplineSurface(FixedSurface):
         return cKDTree(self._spline(parameters)), parameters
 
     def levels(self, points: np.ndarray) -> Levels:
-        """Distance from the surface; of complex points to first order, as a complex step wants it."""
+        """Distance from the surface; for complex points to first order, as a complex step needs."""
         if np.iscomplexobj(points):
             real, step = self.levels(points.real), points.imag
             values = real.values + 1j * (real.gradients * step).sum(axis=1)
@@ -119,7 +119,7 @@ class SplineSurface(FixedSurface):
         return self._distances(uv, points)
 
     def feet(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters of the points nearest to given ones, (n, 3), beyond the edges as well, and whether found."""
+        """Parameters of the points nearest to given ones, (n, 3), also beyond the edges, and whether found."""
         tree, parameters = self._starts
         uv = parameters[tree.query(points)[1]]
         steps, active = np.zeros_like(uv), np.arange(len(points))
@@ -136,7 +136,7 @@ class SplineSurface(FixedSurface):
         return uv, np.abs(steps).max(axis=1, initial=0.0) <= np.sqrt(ROUND_OFF)
 
     def _distances(self, uv: np.ndarray, points: np.ndarray) -> Levels:
-        """Signed distances of points from those nearest to them."""
+        """Signed distances of points from the surface at given parameters."""
         tangents, second, away = self._at(uv, points)
         normals = np.cross(tangents[:, 0], tangents[:, 1])
         normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -148,14 +148,14 @@ class SplineSurface(FixedSurface):
         return Levels(values, normals, -tangents.swapaxes(1, 2) @ bending @ rates)
 
     def _at(self, uv: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Tangents, (n, 2, 3), their derivatives, (n, 2, 2, 3), and the ways to points, (n, 3)."""
+        """Tangents, (n, 2, 3), their derivatives, (n, 2, 2, 3), and the vectors to points, (n, 3)."""
         spline = self._spline
         u, v = (spline(uv, nu=nu) for nu in ((1, 0), (0, 1)))
         uu, mixed, vv = (spline(uv, nu=nu) for nu in ((2, 0), (1, 1), (0, 2)))
         second = np.stack([np.stack([uu, mixed], axis=1), np.stack([mixed, vv], axis=1)], axis=1)
         return np.stack([u, v], axis=1), second, points - spline(uv)
 
-    # what a surface of several patches asks of one
+    # what a surface of several patches needs of one
 
     @cached_property
     def widths(self) -> np.ndarray:
@@ -195,7 +195,7 @@ class SplineSurface(FixedSurface):
         return ((uv > -low) & (uv < 1.0 + high)).all(axis=1)
 
     def weighted(self, uv: np.ndarray, points: np.ndarray, sign: float) -> tuple[Levels, Levels]:
-        """Weights of points, (n, 3), nearest to which are those at parameters, and distances by a sign of normals."""
+        """Weights and signed distances of points, (n, 3), whose nearest ones have the given parameters."""
         at = self._distances(uv, points)
         rates, seconds = self._parameter_derivatives(uv, points)
         low, high = self.widths
@@ -206,7 +206,7 @@ class SplineSurface(FixedSurface):
             second = second * of_end[0] + 2.0 * first * of_end[1] + value * of_end[2]
             value, first = value * of_end[0], first * of_end[0] + value * of_end[1]
         others = value[:, ::-1]
-        slopes = first * others  # of the product of both directions, by each parameter
+        slopes = first * others  # of the product of both directions in each parameter
         bends = np.stack([second[:, 0] * value[:, 1], second[:, 1] * value[:, 0]], axis=1)
         mixed = first[:, 0] * first[:, 1]
         curved = np.einsum("na,nak,nal->nkl", bends, rates, rates) + np.einsum("na,nakl->nkl", slopes, seconds)
@@ -216,7 +216,7 @@ class SplineSurface(FixedSurface):
         return weights, Levels(sign * at.values, sign * at.gradients, sign * at.hessians)
 
     def _parameter_derivatives(self, uv: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """First and second derivatives by points of the parameters nearest to them, (n, 2, 3) and (n, 2, 3, 3)."""
+        """First and second derivatives of the nearest parameters in the points, (n, 2, 3) and (n, 2, 3, 3)."""
         spline, (tangents, second, away) = self._spline, self._at(uv, points)
         thirds = [spline(uv, nu=(3 - k, k)) for k in range(4)]
         third = np.array([[[thirds[a + b + c] for c in (0, 1)] for b in (0, 1)] for a in (0, 1)])  # (2, 2, 2, n, 3)
