@@ -1,20 +1,20 @@
 """Parameters of the point of one volume closest to each of many points, from given starts.
 
 The step is damped Newton in the unit cube: Levenberg (1944) and Marquardt (1963) for three unknowns with bounds. The
-columns of the Jacobian are scaled to unit length first, so that a step does not depend on the aspect ratio of the cell;
-the damping keeps it finite where columns vanish or become parallel (collapsed faces, singular lines); parameters that a
-bound stops are not moved.
+columns of the Jacobian are scaled to unit length first, so a step does not depend on the aspect ratio of the cell.
+Damping keeps it finite where columns vanish or become parallel (collapsed faces, singular lines). Parameters at an
+active bound are not moved.
 
-Steps that do not come closer are followed for a while before the descent goes back to the closest parameters so far and
-damps more: near a singular line Newton's path to the point leads over larger distances (Grippo, Lampariello and Lucidi
-1986, a nonmonotone search).
+Steps that do not come closer are followed for a while before the descent returns to the closest parameters so far and
+increases the damping: near a singular line Newton's path to the point leads over larger distances (Grippo, Lampariello
+and Lucidi 1986, a nonmonotone search).
 
-At a point outside, the residual does not vanish and the curvature of the mapping counts: its part of the Hessian is
+At a point outside, the residual does not vanish and the curvature of the mapping matters. Its part of the Hessian is
 estimated from the steps by the structured secant update of Dennis, Gay and Welsch (1981), and used while steps reduce
 the distance by less than half. Without it, convergence there is linear, and slow beyond the radius of curvature.
 
 Volumes with bilinear and constant knots are followed point by point in numba, on several threads. Knots that are a
-user's Python functions can only be evaluated for many points at once: there all points take each step at the same time.
+user's Python functions can only be evaluated efficiently for many points at once, so there all points step together.
 Theory: ``docs/theory/inversion.rst``.
 """
 
@@ -30,30 +30,30 @@ from ..splines.knots import BilinearKnots, ConstantKnots, Knots
 from ..splines.volume import Volume, evaluate, evaluate_gradients, point_and_gradient
 
 MAX_STEPS = 100
-"""Steps from one start. Ten are ample towards a point inside; far outside a curved face convergence is linear."""
+"""Most steps from one start. Ten are ample for a point inside; far outside a curved face convergence is linear."""
 
 AGREEING_STARTS = 6
-"""Starts that end at the same distance after which the remaining ones are not tried."""
+"""Number of starts ending at the same distance after which the remaining ones are skipped."""
 
 N_TURNS = 16
 """Parameters tried along a collapsed direction."""
 
 TURN = 1e-6
-"""Cosine between the way to the point and the way off a face above which it is taken."""
+"""Cosine between the direction to the point and a direction off a face above which the latter is taken."""
 
 SAME_PLACE = 1 + 1e-6
-"""Ratio of distances up to which other parameters count as those of the same position."""
+"""Ratio of distances up to which other parameters count as the same position."""
 
 _POINTS_PER_TASK = 64
 
 DAMPING_START = 1e-10
-"""Damping of the first step, relative to the unit diagonal of the scaled normal matrix: all but undamped."""
+"""Damping of the first step, relative to the unit diagonal of the scaled normal matrix: almost none."""
 
 DAMPING_MIN = 1e-14
-"""Least damping: keeps the normal matrix of a rank-deficient Jacobian factorable."""
+"""Least damping, with which the normal matrix of a rank-deficient Jacobian can still be factored."""
 
 DAMPING_RESTART = 1e-3
-"""Damping after the first step that does not come closer; ten times more after each further one."""
+"""Damping after the first step that does not come closer; each further one multiplies it by ten."""
 
 DAMPING_MAX = 1e12
 """Damping at which steps are below round-off."""
@@ -65,7 +65,7 @@ STATIONARY = 1e-9
 """Cosine of the angle between the residual and every free column below which the point is the closest one."""
 
 DEFINITE = 1e-3
-"""Least pivot of the scaled Hessian with curvature; with a smaller one the step is taken without curvature."""
+"""Least pivot of the scaled Hessian with curvature; below it the step is taken without curvature."""
 
 COLLAPSED = 1e-12
 """Norm of a column, relative to the longest one, below which the position does not depend on its parameter."""
@@ -74,14 +74,14 @@ COLLAPSED = 1e-12
 def descend(
     volume: Volume,  # orders and knots
     net: np.ndarray,  # (N0, N1, N2, 3), control points
-    points: np.ndarray,  # (n, 3), points to look for
-    # parameters to start from, the most promising first. A start is tried only where the earlier ones have not come
-    # within ``target``
+    points: np.ndarray,  # (n, 3), points to find
+    # starting parameters, the most promising first. A start is tried only if the earlier ones have not come within
+    # ``target``
     starts: np.ndarray,  # (n, m, 3)
     target: float,  # distance at which a point counts as found; a few units of round-off of the coordinates
     n_threads: int,  # number of threads
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Closest points of a volume, each the best that its starts lead to."""
+    """Closest points of a volume, each the best of its starts."""
     # returns parameters (n, 3): in [0, 1]
     # returns distance (n,): from each point to the volume at its parameters
     parameters, distance = starts[:, 0].copy(), np.full(len(points), np.inf)
@@ -100,7 +100,7 @@ def descend(
 
 
 def bilinear_corners(knots: Knots) -> np.ndarray | None:
-    """Knots on the four edges, shape (2, 2, N + p), Eq. (5); None where they are a user's functions."""
+    """Knots on the four edges, shape (2, 2, N + p), Eq. (5); None if they are a user's functions."""
     if isinstance(knots, BilinearKnots):
         return knots.corners
     if isinstance(knots, ConstantKnots):
@@ -123,7 +123,7 @@ def map_point(
     xi,  # (3,), parameters
     scratch,  # tuple, from `map_point_scratch`
     # overwritten; column d of the Jacobian belongs to parameter d. It is 0 in a degenerate direction, whose parameter
-    # is not free to change, even where the knots of others depend on it
+    # is not free to change, even if other directions' knots depend on it
     position,  # (3,)
     jacobian,  # (3, 3)
 ):
@@ -187,10 +187,10 @@ def _descend_from(mapping, point, xi, target, state):
 
 @njit(cache=True, error_model="numpy")
 def _cross_over(mapping, point, xi, residual, jacobian, kept):
-    """Move ``xi`` to other parameters of the same position, if a way from there into the volume comes closer."""
+    """Move ``xi`` to other parameters of the same position if a direction from there into the volume comes closer."""
     # The same position has other parameters where a volume closes on itself (the seam of an O-grid), and on a collapsed
-    # face: there the parameter along the collapsed direction, like the angle at a pole, does not move the position but
-    # turns the way off the face. A descent that has ended on the wrong side of the seam or the pole goes on over there.
+    # face. There the parameter along the collapsed direction, like the angle at a pole, does not move the position but
+    # turns the direction off the face. A descent that ended on the wrong side of the seam or pole continues from there.
     corners, net, scratch = mapping
     nearby = SAME_PLACE * _length(kept[1])
     best, direction, there = TURN, -1, 0.0
@@ -219,7 +219,7 @@ def _length(vector):
 
 @njit(cache=True)
 def _inward_cosine(xi, residual, jacobian):
-    """Largest cosine between the way to the point and the ways from the bounds into the volume."""
+    """Largest cosine between the direction to the point and the directions from the bounds into the volume."""
     best = 0.0
     length = _length(residual)
     for d in range(3):
@@ -283,7 +283,7 @@ def _start_all(progress):
 
 @njit(cache=True, error_model="numpy")
 def _advance_all(ids, xi, residual, jacobian, kept, progress, target):
-    """`advance` for the points ``ids``, whose residuals and Jacobians alone are given."""
+    """`advance` for the points ``ids``; residuals and Jacobians are given only for these."""
     is_done = np.empty(len(ids), dtype=np.bool_)
     for q in range(len(ids)):
         i = ids[q]
@@ -293,25 +293,25 @@ def _advance_all(ids, xi, residual, jacobian, kept, progress, target):
 
 @njit(cache=True)
 def start(progress):
-    """Set the progress of a descent (see `advance`) to its beginning."""
+    """Initialise the progress of a descent, see `advance`."""
     progress[0], progress[1], progress[2] = np.inf, DAMPING_START, 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def advance(
-    xi,  # (3,), parameters reached; overwritten with the next ones to evaluate, or with the closest ones at the end
+    xi,  # (3,), parameters reached; overwritten with the next ones to evaluate, at the end with the closest ones
     # ``mapping(xi) - point`` and its derivatives in the parameters (columns)
     residual,  # (3,)
     jacobian,  # (3, 3)
-    # scratch of the descent: parameters, residual and Jacobian where it was closest, and the curvature there
+    # scratch of the descent: parameters, residual and Jacobian at the closest point so far, and the curvature there
     kept,  # (8, 3)
     progress,  # (3,), least distance so far, damping, and steps without success
     target,  # distance that is close enough
 ):  # bool, whether the descent has ended
-    """Judge the parameters that a descent has come to, and take the next step from there or from the closest ones."""
-    # 1. Keep the parameters if they are the closest so far, with less damping; else count, and damp more.
-    # 2. After too many steps without success, go back to the closest ones.
-    # 3. Take a damped Newton step of the parameters that no bound stops.
+    """Judge the parameters that a descent has reached, and step on from there or from the closest ones."""
+    # 1. Keep the parameters if they are the closest so far, with less damping; else count the step and damp more.
+    # 2. After too many steps without success, return to the closest ones.
+    # 3. Take a damped Newton step in the parameters that are not at an active bound.
     # 4. End where the distance is small enough, steps are below round-off, or the residual is normal to the volume.
     _judge(xi, residual, jacobian, kept, progress)  # step 1
     is_back = progress[2] > PATIENCE  # step 2
@@ -331,7 +331,7 @@ def advance(
 
 @njit(cache=True)
 def _judge(xi, residual, jacobian, kept, progress):
-    """Keep the closest parameters; count the steps that are not closer, and damp when there are too many."""
+    """Keep the closest parameters; count the steps that do not come closer, and damp after too many."""
     distance = np.sqrt(residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2)
     if distance < progress[0]:
         if distance < 0.5 * progress[0] or progress[2] <= PATIENCE:
@@ -356,8 +356,8 @@ def _update_curvature(xi, residual, jacobian, kept):
     """Update the estimate of ``sum_x residual_x Hessian_x`` by the step from the kept parameters to ``xi``."""
     step = xi.copy()
     subtract_row(kept[0], step)
-    change = np.empty(3)  # of the gradient of half the squared distance
-    excess = np.empty(3)  # part of it that is due to curvature
+    change = np.empty(3)  # change in the gradient of half the squared distance
+    excess = np.empty(3)  # the part of it due to curvature
     for d in range(3):
         gradient, moved = 0.0, 0.0
         for x in range(3):
@@ -426,7 +426,7 @@ def is_collapsed(jacobian, d):
 
 @njit(cache=True)
 def _free_column(xi, residual, jacobian, d):
-    """Norm of a column and slope of the distance along it; both 0 where it vanishes or a bound stops the parameter."""
+    """Norm of a column and slope of the distance along it; both 0 if it vanishes or a bound is active."""
     slope = jacobian[0, d] * residual[0] + jacobian[1, d] * residual[1] + jacobian[2, d] * residual[2]
     if is_collapsed(jacobian, d) or (xi[d] <= 0.0 and slope >= 0.0) or (xi[d] >= 1.0 and slope <= 0.0):
         return 0.0, 0.0
@@ -444,7 +444,7 @@ def _free_columns(xi, residual, jacobian):
 
 @njit(cache=True)
 def _scaled_product(jacobian, curvature, norms, d, e):
-    """Entry of the Hessian in scaled parameters; that of the unit matrix for a parameter that is not moved."""
+    """Entry of the Hessian in scaled parameters; of the unit matrix for a parameter that is not moved."""
     if norms[d] == 0.0 or norms[e] == 0.0:
         return 1.0 if d == e else 0.0
     return (_column_product(jacobian, d, e) + curvature[d, e]) / (norms[d] * norms[e])
@@ -465,7 +465,7 @@ def _scaled_products(jacobian, curvature, norms):
 
 @njit(cache=True, error_model="numpy")
 def _solve(products, slopes, damping):
-    """Solve ``(H + damping I) step = -slopes`` by L D L^T; return whether its pivots are safely positive too."""
+    """Solve ``(H + damping I) step = -slopes`` by L D L^T; return whether its pivots are safely positive."""
     h00, h11, h22, h01, h02, h12 = products
     d0 = h00 + damping
     l10, l20 = h01 / d0, h02 / d0

@@ -1,9 +1,9 @@
-"""Which contraction of sub-nets the evaluation uses: emitted vector code, or plain numba beside it.
+"""Which contraction of sub-nets the evaluation uses: emitted vector code, or the plain numba version.
 
 The emitted code (`.simd_contraction`) is five times faster and uses parts of numba and llvmlite that may change between
-versions. So it is taken where the version is one that it was tested with and a trial emission makes valid code, and
-`.plain_contraction` elsewhere, with a warning. Setting ``BSPLINE_MDAO_PLAIN_KERNELS=1`` before the import asks for the
-plain one. Both have the same functions and constants.
+versions. It is used if it was tested with the version of numba and a trial emission makes valid code. Otherwise
+`.plain_contraction` is used, with a warning; setting ``BSPLINE_MDAO_PLAIN_KERNELS=1`` before the import selects it too.
+Both have the same functions and constants.
 
 Theory: ``docs/theory/evaluation.rst``.
 """
@@ -17,21 +17,21 @@ import warnings
 import numba
 
 TESTED = ((0, 61), (0, 69))
-"""First version of numba that the emitted code is meant for, and the first beyond; as in ``pyproject.toml``."""
+"""First version of numba that the emitted code supports, and the first beyond; as in ``pyproject.toml``."""
 
 VARIABLE = "BSPLINE_MDAO_PLAIN_KERNELS"
 
 
 def why_plain(version: str = numba.__version__) -> str | None:
-    """Return why the emitted code cannot be used with a version of numba; None where it can."""
+    """Return why the emitted code cannot be used with a version of numba; None if it can."""
     major_minor = tuple(int(number) for number in re.findall(r"\d+", version)[:2])
     if not TESTED[0] <= major_minor < TESTED[1]:
         return f"numba {version} is not one of 0.{TESTED[0][1]} to 0.{TESTED[1][1] - 1}"
     try:
-        from ...base.numerics.simd import check_emission  # not at the top: its imports are what may fail
+        from ...base.numerics.simd import check_emission  # not at the top: its imports may fail
 
         check_emission()
-    except Exception as error:  # whatever a moved function of llvmlite raises
+    except Exception as error:  # any error that a moved function of llvmlite raises
         return f"numba {version} does not emit vector code ({type(error).__name__}: {error})"
     return None
 

@@ -1,10 +1,10 @@
-"""Cones that hold the derivatives of a B-spline volume on boxes, narrow enough for a positive Jacobian or not.
+"""Cones that contain the derivatives of a B-spline volume on boxes, and whether they prove a positive Jacobian.
 
 The derivatives in the fractions of `bspline_mdao.core.evaluation.knot_ranges` are sums of differences of neighbouring
-control points. On a box their Bézier control vectors are known but for radii, which come from the ranges of the knots
-and from rounding. In the frame of their means over the box the three derivatives are near the axes: the largest
-fractions of two components of the control vectors bound those of the derivatives. Where they are small enough, the
-Jacobian is positive.
+control points. On a box their Bézier control vectors are known up to radii, which come from the ranges of the knots
+and from rounding. In the frame of their means over the box the three derivatives are near the axes. The largest
+fractions of two components of the control vectors bound the same fractions of the derivatives. If they are small
+enough, the Jacobian is positive.
 
 Arrays end with lanes, see `bspline_mdao.core.evaluation.knot_ranges`. Theory: ``docs/theory/validity.rst``.
 """
@@ -24,7 +24,7 @@ __all__ = ["are_positive", "control_vectors", "cut_direction", "frames", "load_e
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def load_edges(B, first, orders, shortest, lane, edges):
     """Write the differences of neighbouring control points of an element, shape (3, p0, p1, p2, 3, L), to a lane."""
-    # Those up to ``shortest`` (m), in the sum norm, have collapsed and are zero.
+    # Differences up to ``shortest`` (m), in the sum norm, have collapsed and are zero.
     for e in range(3):
         n_0, n_1, n_2 = orders[0] - (e == 0), orders[1] - (e == 1), orders[2] - (e == 2)
         for a in range(n_0):
@@ -50,13 +50,13 @@ def frames(
     depends,
     normal,  # (3,), derivative in a direction of order 1
     # see `bspline_mdao.core.evaluation.knot_ranges.extraction`. The derivative about a pole is divided by the fraction
-    # of the box between them
+    # of the box between box and pole
     pole,
     at_pole,
     work,  # tuple of ndarray, scratch
     frame,  # (3, 3, L), receives the inverses
     signs,  # (L,), receives the signs of their determinants
-    is_there,  # bool (L,), set to False where there is none
+    is_there,  # bool (L,), set to False if there is no inverse
 ):
     """Inverses of the means of the derivatives over boxes, shape (3, 3, L)."""
     means, mean_rows, mean, weights = work
@@ -65,7 +65,7 @@ def frames(
         for x in range(3):
             for l in range(n_lanes):
                 mean[x, v, l] = normal[x] if orders[v] == 1 else 0.0
-    for n in range(4 if pole[0] >= 0 else 3):  # the last ones are those of what is divided
+    for n in range(4 if pole[0] >= 0 else 3):  # the last ones belong to the divided derivative
         e = n if n < 3 else pole[1]
         mean_weights(orders[e], n == 3, pole, at_pole, weights)
         for m in range(orders[e]):
@@ -126,13 +126,13 @@ def control_vectors(
     at_pole,
     frame,
     work,  # (2, 2, p0, p1, p2, 3, L), scratch
-    vectors,  # (3, 2, p0, p1, p2, 3, L), receives centres and radii of those of each derivative
+    vectors,  # (3, 2, p0, p1, p2, 3, L), receives centres and radii for each derivative
 ):
     """Centres and radii of the control vectors of the derivatives in the frames."""
     for v in range(3):
         _start(orders, v, normal, frame, vectors[v])
     has_pole = pole[0] >= 0
-    for step in range(3):  # what comes along a pole is divided already, and comes last
+    for step in range(3):  # the contribution along a pole is already divided, and comes last
         e = step if not has_pole else 3 - pole[0] - pole[1] if step == 2 else pole[step]
         if orders[e] == 1:
             continue
@@ -150,7 +150,7 @@ def control_vectors(
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _start(orders, v, normal, frame, out):
-    """Fill control vectors with zeros, or with the normal where the direction has one layer of points."""
+    """Fill control vectors with zeros, or with the normal if the direction has one layer of points."""
     for a in range(orders[0]):
         for b in range(orders[1]):
             for c in range(orders[2]):
@@ -166,7 +166,7 @@ def _start(orders, v, normal, frame, out):
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _turn(edges, n, frame, out):
-    """Write ``n`` differences of control points in the frames, and how wrong they may be."""
+    """Write ``n`` differences of control points in the frames, and bounds of their errors."""
     for a in range(n[0]):
         for b in range(n[1]):
             for c in range(n[2]):
@@ -181,7 +181,7 @@ def _turn(edges, n, frame, out):
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _contract(source, n, axis, n_out, centre, radius, is_sum, out):
-    """Contract one index of ``n`` vectors with matrices; both are known but for radii."""
+    """Contract one index of ``n`` vectors with matrices; both are known up to radii."""
     (p_0, p_1, p_2), L = out.shape[1:4], out.shape[5]
     x, y = source.reshape(2, 3 * p_0 * p_1 * p_2, L), out.reshape(2, 3 * p_0 * p_1 * p_2, L)
     steps = 3 * p_1 * p_2, 3 * p_2, 3
@@ -205,12 +205,12 @@ def _contract(source, n, axis, n_out, centre, radius, is_sum, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def are_positive(
-    # from `control_vectors`. They become fractions: components are divided by that of the derivative's own direction.
-    # Where that may not be positive, radii are infinite; where a vector has collapsed, its own one is -1
+    # from `control_vectors`. They become fractions: components are divided by the component in the derivative's own
+    # direction. If that may not be positive, radii are infinite; if a vector has collapsed, its own radius is -1
     vectors,  # (3, 2, p0, p1, p2, 3, L)
     orders,  # tuple of three int
     columns,  # (3, 3, 2, L), receives the ranges of fractions: of derivative v, component o
-    is_there,  # bool (L,), receives whether the Jacobian is proved positive, where it was True
+    is_there,  # bool (L,), receives whether the Jacobian is proved positive, if it was True
 ):
     """Whether the Jacobian in the frames is positive on boxes."""
     n_lanes = columns.shape[3]
@@ -247,7 +247,7 @@ def are_positive(
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _divide(centre, radius, leading, columns):
-    """Divide the components of a control vector by its own one, and widen the ranges of the fractions by them."""
+    """Divide the components of a control vector by its own one, and widen the ranges of fractions accordingly."""
     o_1, o_2 = (leading + 1) % 3, (leading + 2) % 3
     for l in range(columns.shape[2]):
         value, wrong = centre[leading, l], radius[leading, l] * (1.0 + 1e-12)
@@ -272,7 +272,7 @@ def _divide(centre, radius, leading, columns):
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _influence(rows, orders, fractions, lane, out):
-    """How much the control points change on a box with the knots, by its directions, shape (3,)."""
+    """Change of the control points with the knots on a box in each of its directions, shape (3,)."""
     total = 1e-300
     for d in range(3):
         out[d] = 0.0
@@ -290,8 +290,9 @@ def _influence(rows, orders, fractions, lane, out):
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def cut_direction(vectors, rows, orders, columns, fractions, has_frame, lane):
     """Direction in which a box is best halved."""
-    # It is that in which the fractions of `are_positive` differ most, each times what it is multiplied by; their radii
-    # count where the knots change. Without a frame the box is halved where it is longest.
+    # The direction in which the fractions of `are_positive` differ most, each times its factor; their radii count if
+    # the
+    # knots change. Without a frame the box is halved along its longest side.
     scores, influence, most = np.zeros(3), np.zeros(3), np.zeros(3)
     _influence(rows, orders, fractions, lane, influence)
     for d in range(3):
@@ -326,7 +327,7 @@ def cut_direction(vectors, rows, orders, columns, fractions, has_frame, lane):
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def worst_corner(vectors, orders, sign, pole, is_at_pole, lane, out):
-    """Find the corner, off poles, with the smallest Jacobian as the fractions have it; False where that is positive."""
+    """Find the corner, off poles, with the smallest Jacobian by the fractions; False if that is positive."""
     least = 0.0
     is_there = False
     for n in range(8):

@@ -1,9 +1,11 @@
 """All nodes of a grid from the control points of a B-spline mesh, Eq. (3), without a matrix.
 
-`Evaluator` is the linear map ``x = A b`` at fixed parameters, and its transpose. Per node it holds the functions of its
-span triple and its place in the result; shared nodes are evaluated once and copied, so that all blocks get the same
-bits. The work is cut into chunks that do not depend on the number of threads; in reverse each chunk sums into its own
-control points, and these are added up in the order of the chunks. So results do not depend on the number of threads.
+`Evaluator` is the linear map ``x = A b`` at fixed parameters, and its transpose. Per node it stores the functions of
+its
+span triple and its place in the result. Shared nodes are evaluated once and copied, so all blocks get the same bits.
+The
+work is cut into chunks that do not depend on the number of threads. In reverse each chunk sums into its own control
+points, which are then added up in the order of the chunks. So results do not depend on the number of threads.
 Theory: ``docs/theory/evaluation.rst``.
 """
 
@@ -35,10 +37,10 @@ from .nodes_by_span import (
 )
 
 CHUNK_NODES = 2**15
-"""Nodes per chunk, at least: some 0.2 ms of work, against some 10 us to start it."""
+"""Least number of nodes per chunk: about 0.2 ms of work, against about 10 us to start it."""
 
 MAX_CHUNKS = 64
-"""Chunks that a grid is cut into beyond one per volume, at most: bounds the memory that the transpose needs."""
+"""Most chunks of a grid beyond one per volume: bounds the memory that the transpose needs."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Evaluator(OneLine):
     # length of the two sides
     n_control_points: int
     n_rows: int
-    is_complete: bool  # whether every row belongs to a node. Rows that do not are zero
+    is_complete: bool  # whether every row belongs to a node; other rows are zero
     n_threads: int | None = None  # number of threads; None stands for ``NUMBA_NUM_THREADS``
 
     @classmethod
@@ -122,7 +124,7 @@ class Evaluator(OneLine):
         parameters: Sequence[np.ndarray],  # each (n_v, 3)
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
     ) -> Evaluator:
-        """Operator to some nodes of a grid, with the bits that they have in all of it."""
+        """Operator to some nodes of a grid, with the same bits as in the whole grid."""
         return cls.build(mesh, parameters, numbering.numbers, numbering.n_nodes, numbering.copies, n_threads)
 
     def with_threads(self, n_threads: int | None) -> Evaluator:
@@ -137,9 +139,9 @@ class Evaluator(OneLine):
 
     def forward(
         self,
-        control_points: np.ndarray,  # (n_control_points, 3), control points. Complex ones are evaluated part by part
+        control_points: np.ndarray,  # (n_control_points, 3); complex ones are evaluated part by part
         out: np.ndarray | None = None,  # (n_rows, 3), C order, where to write the result
-        # of every volume, what `turned_forward_kernel` asks for: vectors to be turned and added
+        # of every volume, the arguments of `turned_forward_kernel`: vectors to be turned and added
         turned: Sequence[tuple] | None = None,
     ) -> np.ndarray:  # (n_rows, 3)
         """Nodes from control points, ``A b``."""
@@ -166,8 +168,8 @@ class Evaluator(OneLine):
 
     def adjoint(
         self,
-        bar: np.ndarray,  # (n_rows, 3), one row per node. Complex ones are treated part by part
-        # of every volume, what `turned_reverse_kernel` asks for: turned vectors, and where the derivatives go
+        bar: np.ndarray,  # (n_rows, 3), one row per node; complex ones are treated part by part
+        # of every volume, the arguments of `turned_reverse_kernel`: turned vectors, and where the derivatives go
         turned: Sequence[tuple] | None = None,
     ) -> np.ndarray:  # (n_control_points, 3)
         """Transposed product, ``A^T bar``. `InputError` if the array has the wrong shape."""
@@ -197,7 +199,7 @@ class Evaluator(OneLine):
         return out
 
     def matrix(self) -> scipy.sparse.csr_array:
-        """Assemble ``A``, shape (n_rows, n_control_points): ten times slower, for those who need its entries."""
+        """Assemble ``A``, shape (n_rows, n_control_points): ten times slower, for uses that need its entries."""
         return assemble(self.nodes, self.control_ids, self.n_rows, self.n_control_points)
 
 

@@ -1,16 +1,16 @@
 """Members of a grid family: the same mapping at a smoothly changed spacing of the parameters, section II.E.
 
 The parameters of a fitted grid are smooth functions of the index (`.index_map`), with as many continuous derivatives as
-the splines have, and two at least. A finer or coarser member takes them at more or fewer index positions, one index
+the splines have, and at least two. A finer or coarser member takes them at more or fewer index positions, one index
 direction after the other. So
 
 - integer factors keep the nodes of the grid, and factors 1/2, 1/3, ... pick from them;
-- the nodes of a face depend on the face alone, and neighbours get the same;
-- the stretching of the grid is kept: at factor m the ratio of neighbouring cells is the m-th root of the grid's.
+- the nodes of a face depend only on the face, and neighbours get the same nodes;
+- the stretching of the grid is kept: at factor m the ratio of neighbouring cells is the m-th root of the grid's ratio.
 
 The topology stays, with all indices scaled: the interval of indices between two cuts of a block gets ``round(F n)``
-cells for its ``n``, one at least. Linked segments have equal intervals, so that they agree again; windows that end
-between two cuts go to the nearest index.
+cells for its ``n``, at least one. Linked segments have equal intervals, so they still agree. Windows that end between
+two cuts go to the nearest index.
 
 Along its own direction a parameter increases strictly. Where interpolation *across* a line would fold it, the line is
 interpolated linearly across. Theory: ``docs/theory/evaluation.rst``.
@@ -33,7 +33,7 @@ from .evaluator import Evaluator
 from .index_map import interpolate, interpolate_linearly
 
 MOST_NODES = 1e11
-"""Nodes of a member above which no memory takes their indices."""
+"""Number of nodes above which no memory can store a member's indices."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ def refine(
     topology: Topology,  # topology of the grid
     mesh: BSplineMesh,  # its control mesh
     parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
-    factor: float,  # cells per direction of the member relative to those of the grid; at least one in every segment
+    factor: float,  # cells per direction relative to the grid; at least one in every segment
 ) -> FamilyMember:
     """Member of the family of a grid with ``factor`` times the cells per direction."""
     # `InputError` if the factor is not a positive number
@@ -64,13 +64,13 @@ def refine(
 
 
 def continuity_of(mesh: BSplineMesh) -> int:
-    """Continuous derivatives of the map from indices to parameters: p - 2 of splines of order p, and two at least."""
+    """Continuous derivatives of the map from indices to parameters: p - 2 for order p, and at least two."""
     return max(2, *(order - 2 for volume in mesh.volumes for order in volume.orders))
 
 
 def refine_parameters(
     parameters: np.ndarray,  # (L0, L1, L2, 3), parameters of a grid, each increasing along its own direction
-    shape: tuple[int, ...],  # numbers of nodes wanted
+    shape: tuple[int, ...],  # numbers of nodes of the result
     continuity: int = 2,  # continuous derivatives of the parameters as functions of the index
 ) -> np.ndarray:  # (*shape, 3)
     """Parameters at other index positions, spread evenly over the same range of indices."""
@@ -90,7 +90,7 @@ def refine_parameters(
 class IndexScaling:
     """Index of every node plane of a grid in the member."""
 
-    # for each block and direction, index in the member of each node plane of the grid; those at the ends of segments
+    # for each block and direction, index in the member of each node plane of the grid; planes at the ends of segments
     # are mapped exactly
     planes: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
 
@@ -98,7 +98,7 @@ class IndexScaling:
     def of(
         cls,
         topology: Topology,  # topology of the grid
-        factor: float,  # cells per direction of the member relative to those of the grid
+        factor: float,  # cells per direction relative to the grid
     ) -> IndexScaling:
         """Scale the segments of a topology."""
         is_number = isinstance(factor, Real) and not isinstance(factor, bool)
@@ -120,14 +120,14 @@ class IndexScaling:
         return tuple((int(xi[-1]) + 1, int(eta[-1]) + 1, int(zeta[-1]) + 1) for xi, eta, zeta in self.planes)
 
     def window(self, window: Window) -> Window:
-        """Window of the member that a window of the grid becomes."""
+        """Window of the member that corresponds to a window of the grid."""
         planes = self.planes[window.block]
         lo = tuple(int(p[at]) for p, at in zip(planes, window.lo))
         hi = tuple(int(p[at]) for p, at in zip(planes, window.hi))
         return Window(window.block, lo, hi)
 
     def nearest(self, block: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """For each direction, the node plane of the grid nearest to each one of the member."""
+        """For each direction, the node plane of the grid nearest to each node plane of the member."""
         return tuple(
             np.rint(np.interp(np.arange(p[-1] + 1), p, np.arange(len(p)))).astype(int) for p in self.planes[block]
         )
@@ -144,7 +144,7 @@ def _scaled_planes(segments: Sequence[Window], d: int, factor: float) -> np.ndar
 
 
 def scaled_count(n_nodes: int, factor: float) -> int:
-    """Count the nodes in the member of a direction of ``n_nodes``: ``round(F (n - 1)) + 1``, at least two.
+    """Number of nodes in the member of a direction of ``n_nodes``: ``round(F (n - 1)) + 1``, at least two.
 
     Examples
     --------
@@ -157,7 +157,7 @@ def scaled_count(n_nodes: int, factor: float) -> int:
 
 def refined_topology(
     topology: Topology,  # topology of the grid
-    factor: float,  # cells per direction of the member relative to those of the grid
+    factor: float,  # cells per direction relative to the grid
 ) -> Topology:  # the same segments, links and collapses; all windows scaled
     """Topology of the member of the grid family with ``factor`` times the cells per direction."""
     # `InputError` if the factor is not a positive number

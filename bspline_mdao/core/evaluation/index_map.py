@@ -1,13 +1,14 @@
 """Smooth functions of an index through given values: the map from indices to parameters, section II.C.
 
-Between neighbouring integers the function is a polynomial of degree 2 k + 1, and its first k derivatives at integers
-are those of the polynomial through the nearest values (five for k up to 4), so that it has k continuous derivatives. It
-is local, linear in the values, the same from both ends, and exact for polynomials of degree four.
+Between neighbouring integers the function is a polynomial of degree 2 k + 1. Its first k derivatives at integers are
+taken from the polynomial through the nearest values (five for k up to 4), so it has k continuous derivatives. It is
+local, linear in the values, the same from both ends, and exact for polynomials of degree four.
 
-Increasing values get an increasing function: a polynomial increases where the increments of its Bernstein coefficients
-are positive. Those next to an integer depend on the derivatives there alone. Where one would fall below `LEAST` of what
-it is with the safe derivatives (the smaller neighbouring difference, then zeros), the derivatives at the integer are
-blended with the safe ones, no more than needed. Theory: ``docs/theory/evaluation.rst``.
+Increasing values get an increasing function: a polynomial increases if the increments of its Bernstein coefficients
+are positive. Increments next to an integer depend only on the derivatives there. If one would fall below `LEAST` times
+its value with the safe derivatives (the smaller neighbouring difference, then zeros), the derivatives at the integer
+are
+blended with the safe ones, just as far as needed. Theory: ``docs/theory/evaluation.rst``.
 """
 
 from __future__ import annotations
@@ -20,19 +21,19 @@ import numpy as np
 __all__ = ["interpolate", "interpolate_linearly"]
 
 LEAST = 0.05
-"""Part of the safe increments of Bernstein coefficients that is left where derivatives are limited."""
+"""Fraction of the safe increments of Bernstein coefficients that remains where derivatives are limited."""
 
 
 def interpolate(
     values: np.ndarray,
     axis: int,  # axis along which they are interpolated
-    n: int,  # number of positions, the first and the last value being two of them
-    # limit derivatives so that increasing values are interpolated by an increasing function
+    n: int,  # number of positions, including the first and the last value
+    # limit derivatives to interpolate increasing values by an increasing function
     is_increasing: bool = False,
     continuity: int = 2,  # number k of continuous derivatives
 ) -> np.ndarray:
     """Interpolate values at integers smoothly, at ``n`` evenly spread positions."""
-    # returns ``n`` long along the axis. Positions at integers get the values themselves, and equal values their own
+    # returns ``n`` long along the axis. Positions at integers get the values themselves, and equal values give the same
     # bits
     x = np.moveaxis(values, axis, -1)
     if x.shape[-1] == 1:
@@ -59,7 +60,7 @@ def interpolate_linearly(values: np.ndarray, axis: int, n: int) -> np.ndarray:
 
 
 def _positions(n_values: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Interval of each position, and the fraction of it that lies before the position."""
+    """Interval of each position, and the fraction of the interval before it."""
     position = np.arange(n) * (n_values - 1) / max(n - 1, 1)
     at = np.minimum(position.astype(int), n_values - 2)
     return at, position - at
@@ -95,7 +96,7 @@ def _stencils(width: int, k: int) -> np.ndarray:
 
 
 def _factors(k: int) -> np.ndarray:
-    """Contribution of derivative i + 1 at an integer to increment j of the coefficients after it; shape (k, k)."""
+    """Contribution of derivative i + 1 at an integer to increment j of the coefficients after it, shape (k, k)."""
     degree = 2 * k + 1
     return np.array(
         [
@@ -113,16 +114,16 @@ def _increments(jets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _limited_increments(steps: np.ndarray, jets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Increments before and after every integer that leave all of them positive, those in the middle included."""
+    """Increments before and after every integer, limited so that all are positive, including those in the middle."""
     k = len(jets)
     padded = np.concatenate([steps[..., :1], steps, steps[..., -1:]], axis=-1)
-    safe = np.minimum(padded[..., :-1], padded[..., 1:]) / (2 * k + 1)  # each increment, of the safe derivatives
+    safe = np.minimum(padded[..., :-1], padded[..., 1:]) / (2 * k + 1)  # each increment with the safe derivatives
     before, after = _increments(jets)
-    fraction = np.ones_like(safe)  # of the derivatives of high order
-    for side, increments in ((np.s_[..., 1:], before), (np.s_[..., :-1], after)):  # those that have an interval
+    fraction = np.ones_like(safe)  # remaining fraction of the derivatives of high order
+    for side, increments in ((np.s_[..., 1:], before), (np.s_[..., :-1], after)):  # integers that have an interval
         for each in increments:
             fraction[side] = np.minimum(fraction[side], _fraction(safe[side], (safe - each)[side]))
-    # what the derivatives at the ends of every interval take from its middle; or give, with the fractions that are left
+    # what the derivatives at the ends of every interval take from its middle, or add, with the remaining fractions
     taken = np.stack([after.sum(axis=0) - k * safe, before.sum(axis=0) - k * safe])
     taken = np.stack([taken[0, ..., :-1], taken[1, ..., 1:]])
     middle, given = steps - k * (safe[..., 1:] + safe[..., :-1]), 0.0
@@ -136,7 +137,7 @@ def _limited_increments(steps: np.ndarray, jets: np.ndarray) -> tuple[np.ndarray
 
 
 def _fraction(amount: np.ndarray, loss: np.ndarray) -> np.ndarray:
-    """Part of a loss, 1 at most, that leaves `LEAST` of an amount."""
+    """Fraction of a loss, at most 1, that leaves `LEAST` times an amount."""
     allowed = (1.0 - LEAST) * amount
     return np.where(loss > allowed, allowed / np.where(loss > 0.0, loss, 1.0), 1.0)
 

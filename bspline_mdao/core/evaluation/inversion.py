@@ -1,13 +1,13 @@
-"""Point inversion: which volume of a B-spline mesh holds a point, and at which parameters.
+"""Point inversion: the volume of a B-spline mesh that contains a point, and the parameters there.
 
-With them, points that were never fitted (an unstructured mesh, a denser grid, a cloud of probes) are embedded in the
+With these, points that were never fitted (an unstructured mesh, a denser grid, a cloud of probes) are embedded in the
 control mesh: they move with it, exactly and differentiably, through the same evaluation as the grid.
 
-1. Each volume is sampled on a lattice that follows its spans, so that the samples are as clustered as the control mesh.
-   The volume of the nearest sample is searched first, from there (`.closest_point`).
-2. All other volumes that may hold a point or be nearer follow. The convex hull property gives a rigorous bound: no
+1. Each volume is sampled on a lattice that follows its spans, so the samples are as clustered as the control mesh.
+   The volume of the nearest sample is searched first, from that sample (`.closest_point`).
+2. All other volumes that may contain a point or be nearer follow. The convex hull property gives a rigorous bound: no
    point of a volume lies outside the box of its control points.
-3. A point of a face, edge or corner that volumes share is given to the lowest of them.
+3. A point of a face, edge or corner that volumes share is assigned to the lowest of them.
 
 Theory: ``docs/theory/inversion.rst``.
 """
@@ -35,13 +35,13 @@ INSIDE = 1e-9
 """Default tolerance: distance, relative to the diagonal of the control mesh, up to which a point counts as inside."""
 
 FOUND = 1e-12
-"""Distance, relative to the same, that is taken for none: volumes that both come so near hold the point alike."""
+"""Distance, relative to the same, that counts as zero: all volumes this near contain the point."""
 
 ROUND_OFF = 16 * np.finfo(float).eps
 """Distance, relative to the largest coordinate, at which a descent has reached round-off."""
 
 CHUNK = 65536
-"""Points at a time, so that memory stays bounded (about 300 bytes per point of a chunk)."""
+"""Points at a time, which bounds memory (about 300 bytes per point of a chunk)."""
 
 SAMPLES_PER_SPAN = 4
 """Samples per span and direction."""
@@ -50,13 +50,13 @@ MIN_SAMPLES = 6
 """Least number of samples in a direction that is not degenerate."""
 
 START_RANKS = (0, 7, 63, 1, 20, 200)
-"""Which of the nearest samples to start from. Where samples are stretched, the nearest ones all lie in one column."""
+"""Which of the nearest samples to start from. If samples are stretched, the nearest ones all lie in one column."""
 
 N_OTHERS = 3
-"""Volumes with the next nearest samples that are tried from one start each, before all are from several."""
+"""Volumes with the next nearest samples that are tried from one start each, before all are tried from several."""
 
 ON_FACE = 1e-6
-"""Parameters this close to 0 or 1 count as on the face: more than round-off, so that no shared point is missed."""
+"""Parameters this close to 0 or 1 count as on the face: more than round-off, to miss no shared point."""
 
 _SECTIONS = tuple(itertools.product((slice(None), slice(0, 1), slice(-1, None)), repeat=3))
 
@@ -65,7 +65,7 @@ _SECTIONS = tuple(itertools.product((slice(None), slice(0, 1), slice(-1, None)),
 class PointInversion(OneLine):
     """Volumes and parameters of points in a B-spline mesh."""
 
-    # volume nearest to each point, from 0; the lowest of those that share the nearest point
+    # volume nearest to each point, from 0; the lowest one if several share the nearest point
     volume: np.ndarray  # int (n,)
     parameters: np.ndarray  # (n, 3), parameters of the nearest point of that volume
     distance: np.ndarray  # (n,), distance between the two points, in metres; round-off for a point inside
@@ -93,10 +93,10 @@ def invert_points(
     control_points : ndarray, shape (n_control_points, 3)
         Control points, in metres.
     points : ndarray, shape (n, 3)
-        Points to look for, in metres.
+        Points to find, in metres.
     tolerance : float, optional
-        Distance in metres up to which a point counts as inside. By default 1e-9 of the diagonal of the control mesh:
-        nodes of a fitted grid that lie on its boundary are off by the fit error, and need more than that.
+        Distance in metres up to which a point counts as inside. By default 1e-9 of the diagonal of the control mesh.
+        Nodes of a fitted grid on its boundary are off by the fit error and need a larger tolerance.
     n_threads : int, optional
         Number of threads; by default ``NUMBA_NUM_THREADS``.
 
@@ -108,7 +108,7 @@ def invert_points(
     Raises
     ------
     InputError
-        If an array has the wrong shape or holds a number that is not finite.
+        If an array has the wrong shape or a number is not finite.
 
     Examples
     --------
@@ -159,7 +159,7 @@ class _Search:
 
 
 def _invert_chunk(search: _Search, nearest: Callable, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Search the volume of the nearest sample, then all others that may hold a point or be nearer."""
+    """Search the volume of the nearest sample, then all others that may contain a point or be nearer."""
     volume, starts = nearest(points)  # step 1
     parameters, distance = np.empty_like(points), np.empty(len(points))
     for v in np.unique(volume):
@@ -174,8 +174,8 @@ def _invert_chunk(search: _Search, nearest: Callable, points: np.ndarray) -> tup
 def _try_nearest_others(
     search: _Search, points: np.ndarray, volume: np.ndarray, parameters: np.ndarray, distance: np.ndarray
 ) -> None:
-    """Search the volumes of the nearest samples but for the first one's; arrays are updated in place."""
-    # Most points that are not in the first volume are in one of these, and need not be looked for in all before it.
+    """Search the volumes of the nearest samples except the first; arrays are updated in place."""
+    # Most points that are not in the first volume are in one of these, which saves searching all volumes for them.
     ids = np.flatnonzero(distance > search.found)
     away, samples = (np.stack(x) for x in zip(*(s.tree.query(points[ids]) for s in search.samples)))
     away[volume[ids], np.arange(len(ids))] = np.inf
@@ -193,7 +193,7 @@ def _try_nearest_others(
 def _try_volume(
     search: _Search, v: int, points: np.ndarray, volume: np.ndarray, parameters: np.ndarray, distance: np.ndarray
 ) -> None:
-    """Move the points that volume ``v`` holds, or comes nearer to, over to it; all arrays are updated in place."""
+    """Assign to volume ``v`` the points that it contains or is nearer to; all arrays are updated in place."""
     ids = _candidates(search, v, points, volume, parameters, distance)
     xi, found = search.descend(v, points[ids], search.samples[v].starts(points[ids]))
     is_nearer = found < distance[ids] - search.found
@@ -205,14 +205,14 @@ def _try_volume(
 def _candidates(
     search: _Search, v: int, points: np.ndarray, volume: np.ndarray, parameters: np.ndarray, distance: np.ndarray
 ) -> np.ndarray:
-    """Points not found so far that volume ``v`` may be nearer to, and those found in a higher one that it shares."""
+    """Points not yet found that volume ``v`` may be nearer to, and points of a higher volume that it shares."""
     is_shared = search.is_shared[volume, section_codes(parameters), v]
     ids = np.flatnonzero(is_shared | (distance > search.found))
     return ids[search.samples[v].box_distance(points[ids]) <= distance[ids] + search.found]
 
 
 def require_inside(inversion: PointInversion, source: str = "points") -> PointInversion:
-    """Return the inversion where all points are inside.
+    """Return the inversion if all points are inside.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def require_inside(inversion: PointInversion, source: str = "points") -> PointIn
     Raises
     ------
     InputError
-        If points lie outside: how many, the first few (from 1) and their distance to the mesh.
+        If points lie outside; it names how many, the first few (from 1) and their distance to the mesh.
 
     Examples
     --------
@@ -249,7 +249,7 @@ def require_inside(inversion: PointInversion, source: str = "points") -> PointIn
 
 
 def embed_points(mesh: BSplineMesh, inversion: PointInversion) -> Evaluator:
-    """Embed points in a mesh: make the evaluation that moves them with the control points.
+    """Embed points in a mesh: the evaluation that moves them with the control points.
 
     Parameters
     ----------
@@ -297,7 +297,7 @@ def _checked(what: str, points: np.ndarray, n: int | None = None) -> np.ndarray:
 class VolumeSamples:
     """Samples of one volume."""
 
-    parameters: np.ndarray  # (m, 3), parameters of the samples, all inside the volume and none on its boundary
+    parameters: np.ndarray  # (m, 3), parameters of the samples, all inside the volume, none on its boundary
     tree: cKDTree  # the samples in space
     # box of the control points
     lower: np.ndarray  # (3,)
@@ -309,7 +309,7 @@ class VolumeSamples:
         return np.sqrt(np.einsum("qx,qx->q", outside, outside))
 
     def starts(self, points: np.ndarray) -> np.ndarray:
-        """Parameters to start from, shape (n, n_starts, 3), for points of shape (n, 3); the most promising first."""
+        """Starting parameters, shape (n, n_starts, 3), for points of shape (n, 3); the most promising first."""
         ranks = [rank for rank in START_RANKS if rank < len(self.parameters)]
         _, ids = self.tree.query(points, k=[rank + 1 for rank in ranks])
         return self.parameters[ids]
@@ -335,8 +335,8 @@ def nearest_samples(samples: Sequence[VolumeSamples]) -> Callable[[np.ndarray], 
 
 def span_lattice(volume: Volume) -> np.ndarray:  # (m0, m1, m2, 3), inside (0, 1); 0 in a degenerate direction
     """Parameters of a lattice that follows the spans of a volume."""
-    # With curved knots the spans in one direction depend on the parameters in the other two; a few substitutions place
-    # the lattice well enough.
+    # With curved knots the spans in one direction depend on the other two parameters; a few substitutions place the
+    # lattice well enough.
     stations = [_stations(knots) for knots in volume.knots]
     at = np.stack([a.ravel() for a in np.meshgrid(*stations, indexing="ij")], axis=1)
     parameters = at / [k.n_control - k.order + 1 for k in volume.knots]
@@ -355,7 +355,7 @@ def _stations(knots: Knots) -> np.ndarray:
 
 
 def _place(knots: Knots, at: np.ndarray, parameters: np.ndarray, d: int) -> np.ndarray:
-    """Parameters of stations ``at`` in direction ``d``, where the other two parameters are ``parameters``."""
+    """Parameters of stations ``at`` in direction ``d``, at the other two of ``parameters``."""
     breaks = knots.values(parameters[:, (d + 1) % 3].copy(), parameters[:, (d + 2) % 3].copy())
     rows, span = np.arange(at.size), np.floor(at).astype(int)
     low, high = breaks[rows, knots.order - 1 + span], breaks[rows, knots.order + span]

@@ -1,14 +1,15 @@
 """Ranges of knots, and of the Bézier control points of B-splines, on boxes inside the elements of a volume.
 
 In an element, the region between neighbouring knots, each parameter is ``xi = (1 - u) T_s + u T_{s+1}`` with its
-*fraction* ``u`` of the span, between 0 and 1. A box is a range of fractions in each direction. On it the map is that of
-a Bézier hexahedron whose control points depend on the knots alone: they are blossoms at the ends of the box, by the
-triangle of de Boor, whose ratios of knot intervals are quotients of functions that are linear in each parameter, with
-their extremes at corners of the parameters of the box. Where knots are curved, these parameters lie in ranges, which
-`enclose` finds, and the control points with them.
+*fraction* ``u`` of the span, between 0 and 1. A box is a range of fractions in each direction. On a box the map is a
+Bézier hexahedron whose control points depend only on the knots: they are blossoms at the ends of the box, by the de
+Boor
+triangle. Its ratios of knot intervals are quotients of functions linear in each parameter, with extremes at the corners
+of the box's parameters. If knots are curved, these parameters lie in ranges, which `enclose` finds, and so do the
+control points.
 
-Many boxes go at a time, one in each *lane*: the last index of all arrays. Inner loops run over lanes, so that the
-compiler makes vectors of them. Ranges are [low, high].
+Many boxes are treated at a time, one in each *lane*: the last index of all arrays. Inner loops run over lanes, so the
+compiler vectorises them. Ranges are [low, high].
 
 Theory: ``docs/theory/validity.rst``.
 """
@@ -26,7 +27,7 @@ __all__ = [
 ]  # fmt: skip
 
 NARROWEST = 64.0 * UNIT
-"""Knots that are no further apart may coincide."""
+"""Knots up to this far apart may coincide."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -34,10 +35,10 @@ def enclose(
     knots,  # (3, 2, 2, n_local, L), local knots of every direction on its four edges, see `extraction`
     orders,  # tuple of three int
     fractions,  # (3, 2, L), boxes
-    box,  # (3, 2, L), ranges of parameters that hold those of the boxes; shrunk in place
-    is_there,  # bool (L,), set to False where nothing of an element remains
+    box,  # (3, 2, L), ranges of parameters that contain the parameters of the boxes; shrunk in place
+    is_there,  # bool (L,), set to False if nothing of an element remains
 ):
-    """Shrink ranges of parameters to those that boxes of fractions can have."""
+    """Shrink ranges of parameters to what boxes of fractions can have."""
     for _ in range(3):
         for e in range(3):
             p, f, g = orders[e], (e + 1) % 3, (e + 2) % 3
@@ -72,14 +73,14 @@ def knots_at_corners(
     # direction, and number of local knots
     e,  # int
     n,  # int
-    n_corners,  # int, 4, or 1 where the knots are constant
+    n_corners,  # int, 4, or 1 if the knots are constant
     box,
     # see `extraction`
     pole,
     at_pole,
     at_corners,  # (4, n_local, L), receives the knots
-    # receives the derivatives in the first and the second of the other parameters, at both ends of the other. Those
-    # about a pole are of its opposite face
+    # receives the derivatives in the first and the second of the other parameters, at both ends of the other. The
+    # derivatives about a pole are taken on its opposite face
     slopes,  # (2, 2, n_local, L)
 ):
     """Knots of direction ``e`` at the corners of ranges of parameters, and their derivatives at the ends."""
@@ -177,15 +178,15 @@ def parameter_slopes(
     # see `enclose`
     knots,
     orders,
-    varies,  # bool (3, 3), whether knots of the first direction vary with the parameter of the second
+    varies,  # bool (3, 3), whether knots of the first direction vary with the second's parameter
     fractions,
     box,
     work,  # (3, 3, 2, L), receives the ranges of ``K``
-    out,  # (3, 3, 2, L), receives centres and radii: of the parameter of the first index, in the fraction of the second
-    is_there,  # bool (L,), set to False where the matrix may be singular
+    out,  # (3, 3, 2, L), receives centres and radii: parameter of the first index, fraction of the second
+    is_there,  # bool (L,), set to False if the matrix may be singular
 ):
     """Ranges of the derivatives of the parameters in the fractions, as centres and radii."""
-    # With the derivatives ``K`` of the parameters at fixed fractions they are ``(1 - K)^{-1}`` times widths of spans.
+    # With the derivatives ``K`` of the parameters at fixed fractions they are ``(1 - K)^{-1}`` times span widths.
     K = work
     _slopes_of_planes(knots, orders, varies, fractions, box, K)
     for l in range(box.shape[2]):
@@ -209,7 +210,7 @@ def parameter_slopes(
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _interval_fractions(at_corners, slopes, p, n_corners, fraction, coincide, e, arg, out, d_out, is_there):
-    """Shares of knot intervals that one end of a box has, and their changes in the parameters that knots depend on."""
+    """Fractions of knot intervals at one end of a box, and their derivatives in the parameters of the knots."""
     # Interval ``m`` of order ``r + 1`` is number ``r (r - 1) / 2 + m``, and goes from local knot ``p - 1 - r + m`` to
     # ``p - 1 + m``.
     n_lanes = at_corners.shape[2]
@@ -260,7 +261,7 @@ def _interval_fractions(at_corners, slopes, p, n_corners, fraction, coincide, e,
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _raise(parts, d_parts, r, arg, n_changes, weights, sums):
-    """Take the ``r`` functions of order ``r`` to those of order ``r + 1``, and the changes of their partial sums."""
+    """Raise the ``r`` functions of order ``r`` to order ``r + 1``, with the changes of their partial sums."""
     for m in range(r - 1, -1, -1):
         n = r * (r - 1) // 2 + m
         for d in range(n_changes):
@@ -289,25 +290,25 @@ def extraction(
     # see `enclose`
     knots,
     orders,
-    # whether knots of the first direction depend on the fraction of the second, through other knots as well
+    # whether knots of the first direction depend on the fraction of the second, also through other knots
     depends,  # bool (3, 3)
-    coincide,  # (3, n_local, L), 1 where a local knot is that of the end of the span on its side
+    coincide,  # (3, n_local, L), 1 if a local knot equals the end of the span on its side
     fractions,
     box,
     turns,  # (3, 3, 2, L), from `parameter_slopes`
-    # direction about a pole, direction that ends there, and at which end; -1 where there is none
+    # direction about a pole, direction that ends there, and at which end; -1 without a pole
     pole,  # tuple of three int
-    at_pole,  # bool (L,), which boxes have it for a side
-    pole_turns,  # (3, 3, 2, L), those for the knots along it, see `bspline_mdao.core.evaluation.poles.divided_turns`
+    at_pole,  # bool (L,), which boxes have it as a side
+    pole_turns,  # (3, 3, 2, L), for the knots along it, see `bspline_mdao.core.evaluation.poles.divided_turns`
     work,  # tuple of ndarray, scratch
-    # receives centres and radii of the matrices to control points: ``[:, e, a, i]`` for point ``a`` of point ``i``
+    # receives centres and radii of the matrices to control points: ``[:, e, a, i]`` from point ``i`` to point ``a``
     points,  # (2, 3, p, p, L)
-    # receives those to the derivative in fraction ``v``, of the differences of neighbouring control points in direction
-    # ``e``: ``[:, e, v, a, i]``; all derivatives have the degree of the points
+    # receives the matrices to the derivative in fraction ``v``, from the differences of neighbouring control points in
+    # direction ``e``: ``[:, e, v, a, i]``; all derivatives have the degree of the points
     rows,  # (2, 3, 3, p, p - 1, L)
-    is_there,  # bool (L,), set to False where knots may coincide
+    is_there,  # bool (L,), set to False if knots may coincide
 ):
-    """Matrices from control points of elements to those of the Bézier hexahedra on boxes, and to their derivatives."""
+    """Matrices from control points of elements to Bézier control points on boxes, and to their derivatives."""
     at_corners, slopes, parts, d_parts, weights, sums, derivative, changes = work
     n_lanes = box.shape[2]
     for e in range(3):
@@ -342,7 +343,7 @@ def extraction(
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _start(weights, sums):
-    """Fill functions with that of order 1, and changes of their sums with zeros."""
+    """Fill functions with the one of order 1, and changes of their sums with zeros."""
     for m in range(weights.shape[0]):
         for i in range(2):
             for l in range(weights.shape[2]):
@@ -352,7 +353,7 @@ def _start(weights, sums):
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _derivative_row(at_corners, p, n_corners, weights, out):
-    """Ranges of the factors of differences of control points in a derivative, from functions of an order less."""
+    """Ranges of the factors of differences of control points in a derivative, from functions of one order less."""
     for m in range(p - 1):
         for l in range(out.shape[2]):
             least, most = np.inf, 0.0
@@ -366,7 +367,7 @@ def _derivative_row(at_corners, p, n_corners, weights, out):
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _rows(e, p, depends, derivative, changes, turns, rows):
-    """Write the matrices to derivatives: of a direction itself, its degree raised by one, and through its knots."""
+    """Write the matrices to derivatives: in a direction itself, its degree raised by one, and through its knots."""
     f, g = (e + 1) % 3, (e + 2) % 3
     for v in range(3):
         if v != e and not depends[v]:

@@ -1,13 +1,12 @@
 """The nodes of a volume sorted by span triple, and the kernels over them: points, their transpose and the matrix.
 
-The nodes that share their span triple depend on the same control points, their *sub-net*. It is read from its *anchor*,
-in each direction its low end, or its high end where the span touches the high end of the parameter range (and, of a
-single span, in its upper half). So the nodes of any face are evaluated from the control points of that face alone, to
-the last bit. The number of the anchor among the control points of the volume tells span and end in all three
-directions.
+The nodes that share their span triple depend on the same control points, their *sub-net*. It is read from its *anchor*:
+in each direction its low end, or its high end if the span touches the high end of the parameter range (for a single
+span, in its upper half). So the nodes of any face are evaluated from the control points of that face alone, to the last
+bit. The number of the anchor among the control points of the volume determines span and end in all three directions.
 
 The kernels take one span triple after the other. They are compiled once for each triple of orders and kept on disk by
-numba, and hold no lock, so that several threads can work on different spans.
+numba. They hold no lock, so several threads can work on different spans.
 
 Theory: ``docs/theory/evaluation.rst``.
 """
@@ -110,7 +109,7 @@ def _anchors_and_functions(volume: Volume, parameters: np.ndarray) -> tuple[np.n
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _choose_anchors(n_control, xi, spans, functions, anchors, out):
-    """Add one direction to the numbers of the anchors; write the functions but for the anchor's, starting beside it."""
+    """Add one direction to the numbers of the anchors; write the functions, without the anchor's, from next to it."""
     order = functions.shape[1]
     for q in range(xi.size):
         is_high = spans[q] == n_control - 1 and (spans[q] > order - 1 or xi[q] > 0.5)
@@ -132,7 +131,7 @@ def store_groups(starts, order, values, basis):
 
 
 def _sort_copies(order: np.ndarray, copies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sorted nodes that have copies, and the rows of these."""
+    """Sorted nodes that have copies, and the rows of the copies."""
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     nodes = place[copies[:, 1]]
@@ -154,7 +153,7 @@ def forward_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
     def forward(
         first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows, control_points, out
     ):
-        _ = emitter  # a cell of the closure, and so part of the key of the cache
+        _ = emitter  # a cell of the closure, hence part of the cache's key
         net = np.empty(size)
         for span in range(first_span, last_span):
             steps = control_point_steps(n_control, anchors[span])
@@ -171,7 +170,7 @@ def forward_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
 def turned_forward_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
     """Kernel that evaluates nodes and adds turned vectors to them, for one triple of orders."""
     # returns callable, as `forward_kernel`, with ``fractions, vectors`` of the nodes, ``corners`` of each span, shape
-    # (n_spans, 8), and ``matrices`` of the corners, shape (n_corners, 9), behind ``control_points``
+    # (n_spans, 8), and ``matrices`` of the corners, shape (n_corners, 9), after ``control_points``
     size = 3 * p_0 * p_1 * p_2
     n_functions = p_0 + p_1 + p_2 - 3
     emitter = SOURCE
@@ -181,7 +180,7 @@ def turned_forward_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
         first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows,
         control_points, fractions, vectors, corners, matrices, out,
     ):  # fmt: skip
-        _ = emitter  # a cell of the closure, and so part of the key of the cache
+        _ = emitter  # a cell of the closure, hence part of the cache's key
         net, turn = np.empty(size), np.empty(72)
         for span in range(first_span, last_span):
             steps = control_point_steps(n_control, anchors[span])
@@ -212,7 +211,7 @@ def reverse_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
     def reverse(
         first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows, bar, first_layer, out
     ):
-        _ = emitter  # a cell of the closure, and so part of the key of the cache
+        _ = emitter  # a cell of the closure, hence part of the cache's key
         net, points = np.empty(size + LANES), np.empty(3 * TILE)
         first_control_point = first_layer * n_control[1] * n_control[2]
         copy = _first_copy(copy_nodes, starts[first_span])
@@ -232,7 +231,7 @@ def reverse_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
 @cache
 def turned_reverse_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
     """Kernel that is the transpose of `turned_forward_kernel` in control points and matrices."""
-    # returns callable, as `reverse_kernel`, with ``fractions, vectors, turns`` behind ``bar``: it writes the
+    # returns callable, as `reverse_kernel`, with ``fractions, vectors, turns`` after ``bar``: it writes the
     # derivatives in the rotations at the corners of each span to ``turns``, shape (n_spans, 8, 9)
     size = 3 * p_0 * p_1 * p_2
     n_functions = p_0 + p_1 + p_2 - 3
@@ -243,7 +242,7 @@ def turned_reverse_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
         first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows,
         bar, fractions, vectors, turns, first_layer, out,
     ):  # fmt: skip
-        _ = emitter  # a cell of the closure, and so part of the key of the cache
+        _ = emitter  # a cell of the closure, hence part of the cache's key
         net, points, turn = np.empty(size + LANES), np.empty(3 * TILE), np.empty(72 + LANES)
         first_control_point = first_layer * n_control[1] * n_control[2]
         copy = _first_copy(copy_nodes, starts[first_span])
@@ -265,7 +264,7 @@ def turned_reverse_kernel(p_0: int, p_1: int, p_2: int) -> Callable:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _set_coefficients(corners, matrices, turn):
-    """Write the coefficients of 1, u, v, uv, w, uw, vw, uvw of every entry of a rotation from those at the corners."""
+    """Write the coefficients of 1, u, v, uv, w, uw, vw, uvw of every entry of a rotation from the corner values."""
     for e in range(9):
         for c in range(8):
             turn[8 * e + c] = matrices[corners[c], e]
@@ -277,7 +276,7 @@ def _set_coefficients(corners, matrices, turn):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _set_corner_bars(turn, bars):
-    """Transpose of `_set_coefficients`; it makes use of ``turn``."""
+    """Transpose of `_set_coefficients`; it overwrites ``turn``."""
     for e in range(9):
         for bit in (4, 2, 1):
             for c in range(8):
@@ -289,7 +288,7 @@ def _set_corner_bars(turn, bars):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def copy_points(first_span, last_span, starts, rows, copy_nodes, copy_rows, out):
-    """Copy the points of the nodes of some spans that have copies."""
+    """Copy the points of those nodes of some spans that have copies."""
     first_copy, last_copy = _first_copy(copy_nodes, starts[first_span]), _first_copy(copy_nodes, starts[last_span])
     for copy in range(first_copy, last_copy):
         row, source = 3 * np.int64(copy_rows[copy]), 3 * np.int64(rows[copy_nodes[copy]])
@@ -299,7 +298,7 @@ def copy_points(first_span, last_span, starts, rows, copy_nodes, copy_rows, out)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _first_copy(copy_nodes, node):
-    """Place of the first copy of a sorted node, or of the next one that has copies, by bisection."""
+    """Place of the first copy of a sorted node, or of the next node with copies, by bisection."""
     low, high = 0, copy_nodes.size
     while low < high:
         middle = (low + high) // 2
@@ -381,7 +380,7 @@ def _fill(orders, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def subtract_from_anchors(orders, values):
-    """Make the first function of each direction, which is stored as one, what it is: one minus the others."""
+    """Replace the first function of each direction, stored as one, by its value: one minus the others."""
     first = 0
     for d in range(3):
         for m in range(first + 1, first + orders[d]):

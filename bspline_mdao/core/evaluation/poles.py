@@ -1,10 +1,10 @@
 """Sides of B-spline volumes that have collapsed to a pole: lines about which the volume turns.
 
-There the derivative about the pole is zero, and so is the Jacobian. With curved knots it comes from three kinds of
-differences of control points, all of which fade towards the pole in proportion to the fraction of a box between them:
-those about it, which have collapsed there; those towards it, because its side has a constant parameter; and those along
-it, because knots along it do not differ about it *on* it. So this factor is divided out, exactly, and what remains is
-looked at instead.
+There the derivative about the pole is zero, and so is the Jacobian. With curved knots this derivative comes from three
+kinds of differences of control points, which all fade towards the pole in proportion to the fraction of a box between
+box and pole: differences about the pole, which have collapsed there; differences towards it, because its side has a
+constant parameter; and differences along it, because knots along it do not vary about it *on* it. So this factor is
+divided out exactly, and the remaining factor is examined instead.
 
 Theory: ``docs/theory/validity.rst``.
 """
@@ -27,7 +27,7 @@ def poles_of(
     B: np.ndarray,  # (N0, N1, N2, 3), control points (m)
     shortest: float,  # differences of control points up to this length (m), in the sum norm, have collapsed
 ) -> list[tuple[int, int, int]]:  # direction about the pole, direction that ends there, and at which end, 0 or 1
-    """Find the sides of a volume that are poles with knots along them that differ elsewhere."""
+    """Find the sides of a volume that are poles and whose knots along the pole vary elsewhere."""
     found = []
     for about in range(3):
         for towards in ((about + 1) % 3, (about + 2) % 3):
@@ -64,11 +64,11 @@ def divided_turns(
     fractions,
     box,
     # receives centres and radii like ``turns``. The change of a knot along the pole with the parameter about it is
-    # proportional to the distance from the pole; that factor is in here. Where the fraction is that about the pole, it
-    # is divided by the fraction of the box that is between
+    # proportional to the distance from the pole; that factor is in here. Where the fraction is the one about the pole,
+    # it is divided by the fraction of the box between box and pole
     out,  # (3, 3, 2, L)
 ):
-    """Derivatives of parameters in the fractions for the knots along a pole, those about it divided."""
+    """Derivatives of parameters in the fractions for the knots along a pole, divided about it."""
     v, d, end = pole
     o = 3 - v - d
     q = orders[d] - 2 if end == 1 else orders[d] - 1  # the knot of the span that is not on the pole
@@ -104,7 +104,7 @@ def divided_turns(
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _slope_range(knots, e, v, q, first, last, l):
-    """Range of the derivative of local knot ``q`` of direction ``e`` in parameter ``v``, between two of the other's."""
+    """Range of the derivative of local knot ``q`` of direction ``e`` in parameter ``v`` over a range of the other's."""
     i, j = (1, 0) if v == (e + 1) % 3 else (0, 1)
     a, b = plane_slope(knots, e, i, j, q, first, l), plane_slope(knots, e, i, j, q, last, l)
     return min(a, b) - 16.0 * UNIT, max(a, b) + 16.0 * UNIT
@@ -112,7 +112,7 @@ def _slope_range(knots, e, v, q, first, last, l):
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def mean_weights(order, is_divided, pole, at_pole, out):
-    """Weights of the coefficients of a polynomial in its mean one; of a divided one, those of what it was."""
+    """Weights of a polynomial's coefficients in its mean; for a divided one, in the mean before the division."""
     for a in range(order):
         from_far = a if pole[2] == 1 else order - 1 - a
         divided = 1.0 / (order - 1 - from_far) if from_far < order - 1 else 0.0
@@ -122,7 +122,7 @@ def mean_weights(order, is_divided, pole, at_pole, out):
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def raise_divided(vectors, orders, pole, at_pole):
-    """Divide control vectors (2, p0, p1, p2, 3, L) that are zero on a pole, and raise their degree to what it was."""
+    """Divide control vectors (2, p0, p1, p2, 3, L) that are zero on a pole, and restore their degree."""
     # With the fraction ``t`` between pole and far side, ``sum_a c_a B_a^n`` with ``c_n = 0`` is ``t`` times a
     # polynomial of coefficients ``c_a n / (n - a)`` of degree ``n - 1``, whose coefficients of degree n are
     # ``c_a + a / (n - a + 1) c_{a-1}``.

@@ -6,9 +6,10 @@ In one direction the ``p`` functions that differ from zero on a span sum to one.
     sum_a N_a B_a  =  B_0 + sum_{a > 0} N_a (B_a - B_0),
 
 and in three directions the same holds one direction after the other: the sub-net is replaced by its *differences*, the
-factor of index 0 is one, and only ``p - 1`` functions per direction are stored and multiplied. That is a quarter less
-memory and arithmetic for cubics, and it is exact where it matters: a coordinate that all control points share comes out
-with its own bits, and a node at the anchor's end of the span depends on nothing beyond that end.
+factor of index 0 is one, and only ``p - 1`` functions per direction are stored and multiplied. This saves a quarter of
+memory and arithmetic for cubics, and is exact where it matters: a coordinate that all control points share is
+reproduced
+to the last bit, and a node at the anchor's end of the span depends on nothing beyond that end.
 
 All intrinsics here are straight-line code for one triple of orders; the SIMD lanes are nodes, or the control
 points of one line of the sub-net with their three components.
@@ -38,17 +39,17 @@ from ...base.numerics import simd
 from ...base.numerics.simd import INT, LANES, ZERO, Emitter, constant
 
 SOURCE = zlib.crc32(b"".join(Path(file).read_bytes() for file in (__file__, simd.__file__)))
-"""Checksum of what emits the code. numba looks for changes of a kernel's own file alone before it takes it from the
-cache, so a kernel that calls these intrinsics holds this number in its closure, which is part of the cache's key."""
+"""Checksum of the source that emits the code. numba looks only for changes of a kernel's own file before it takes it
+from the cache, so a kernel that calls these intrinsics has this number in its closure, part of the cache's key."""
 
 GROUPS_AHEAD = 8
-"""Distance at which memory is asked for: far enough to hide its latency, by measurement."""
+"""Prefetch distance: far enough to hide the latency of memory, by measurement."""
 
 TILE = 256
 """Most nodes that `sum_over_nodes` is given at a time: their functions and points fit in the first-level cache."""
 
 MAX_SUMS = 3 * LANES
-"""Sums that `sum_over_nodes` takes in one pass over the nodes, unless one line has more: they stay in registers."""
+"""Sums in one pass of `sum_over_nodes` over the nodes, unless one line has more: they stay in registers."""
 
 MARGIN = TILE + LANES * (GROUPS_AHEAD + 1)
 """Elements beyond their end that row numbers are read."""
@@ -59,8 +60,8 @@ def load_net(
     typingctx,
     control_points,  # (N0 * N1 * N2 * 3,), control points of the volume
     corner,  # int, element of ``control_points`` at which the anchor starts
-    # control points from one of the sub-net to the next in each direction, negative where the anchor is at the high
-    # end; the last is 1 or -1
+    # steps between control points of the sub-net in each direction, negative if the anchor is at the high end; the last
+    # is 1 or -1
     steps,  # tuple of int
     net,  # (p_0 * p_1 * p_2 * 3,), receives the differences
     # orders, compile-time constants
@@ -210,7 +211,7 @@ def sum_over_net_turned(
     basis,
     turn,  # (72,), coefficients of 1, u, v, uv, w, uw, vw, uvw of the nine entries of a rotation
     fractions,  # ndarray of float32, u, v, w of the group, each for all its nodes in turn
-    vectors,  # the three components of its vectors, likewise
+    vectors,  # the three components of its vectors, stored in the same way
     n,
     rows,
     out,
@@ -250,7 +251,7 @@ def sum_over_net_turned(
 def _emit_functions(
     emit: Emitter, basis: ir.Value, n: ir.Value, rows: ir.Value, out: ir.Value, orders: Sequence[int]
 ) -> list[list]:
-    """Emit the loads of the functions of a group, and requests for what later groups need."""
+    """Emit the loads of the functions of a group, and prefetches for later groups."""
     n_functions = sum(orders) - 3
     for m in range(n_functions):
         emit.prefetch(basis, constant((GROUPS_AHEAD * n_functions + m) * LANES))
@@ -349,10 +350,10 @@ def sum_over_nodes(
     p_2,
 ):
     """Add the products of the functions with the points of ``n`` nodes, summed over the nodes, to ``net``."""
-    # The transpose of `sum_over_net`, for several groups at once, each of `LANES` nodes but for the last.
+    # The transpose of `sum_over_net`, for several groups at once, all of `LANES` nodes except the last.
     # basis, p_0, p_1, p_2: as for `sum_over_net`
     # n, points: as for `gather_points`
-    # rows, bar: as for `gather_points`; those of later nodes are brought into the cache
+    # rows, bar: as for `gather_points`; rows of later nodes are prefetched
     orders = _literal_values(p_0, p_1, p_2)
     signature = types.void(net, basis, n, points, rows, bar, p_0, p_1, p_2)
 
@@ -380,7 +381,7 @@ def sum_turns(
     points,
 ):
     """Add the derivatives in the coefficients of a rotation to ``sums``: the transpose of `sum_over_net_turned`."""
-    # fractions, vectors: as for `sum_over_net_turned`, of several groups, each of `LANES` nodes but for the last
+    # fractions, vectors: as for `sum_over_net_turned`, of several groups, all of `LANES` nodes except the last
     # n, points: as for `gather_points`
     signature = types.void(sums, fractions, vectors, n, points)
 
@@ -468,7 +469,7 @@ class _Nodes:
         return load
 
     def _emit_prefetch(self, i: ir.Value, number: int) -> None:
-        """Emit, in turn over the passes, requests for what a later call will need."""
+        """Emit prefetches for a later call, spread over the passes."""
         builder, n_passes = self.builder, len(self.passes)
         group = builder.add(i, builder.add(self.n, constant(GROUPS_AHEAD * LANES)))
         for m in range(number, self.n_functions, n_passes):
@@ -497,14 +498,14 @@ def _first_component(builder: ir.IRBuilder, rows: ir.Value, i: ir.Value) -> ir.V
 
 
 def _literal_values(*literals: Any) -> list[int]:
-    """Values of compile-time constants; a NumPy integer in a closure is none."""
+    """Values of compile-time constants; a NumPy integer in a closure is not one."""
     if not all(isinstance(literal, types.IntegerLiteral) for literal in literals):
         raise RequireLiteralValue(f"orders of types {literals}; they must be Python integers of the kernel's closure")
     return [literal.literal_value for literal in literals]
 
 
 def _arguments(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> list:
-    """Return the data pointers of arrays, and scalars as they are."""
+    """Data pointers of arrays, and scalars unchanged."""
     return [
         cgutils.create_struct_proxy(kind)(context, builder, value=value).data
         if isinstance(kind, types.Array)

@@ -1,10 +1,10 @@
 """Where the Jacobian of a B-spline volume is positive, element by element: the regions between knots.
 
-Boxes of fractions of the spans are asked, many at a time, the whole element first.
-`bspline_mdao.core.evaluation.knot_ranges` finds the ranges of the knots on a box, and so of its Bézier control points,
-`bspline_mdao.core.evaluation.derivative_cones` whether they prove the Jacobian of one sign. Boxes that stay open are
-halved. Where their control vectors have a corner in which the Jacobian is not positive, that corner is asked next, as a
-box without extent.
+Boxes of fractions of the spans are examined, many at a time, the whole element first.
+`bspline_mdao.core.evaluation.knot_ranges` finds the ranges of the knots on a box, hence of its Bézier control points.
+`bspline_mdao.core.evaluation.derivative_cones` finds whether they prove that the Jacobian has one sign. Boxes that
+remain undecided are halved. If their control vectors have a corner with a Jacobian that is not positive, this corner is
+examined next, as a box without extent.
 
 Theory: ``docs/theory/validity.rst``.
 """
@@ -24,38 +24,38 @@ from .poles import NO_POLE, divided_turns, next_to_pole, poles_of
 __all__ = ["Lanes", "Queue", "decide_elements"]
 
 LANES = 4096, 16
-"""Control points of the boxes that are asked at a time, where many wait, and number of boxes where few do: calls take
-as long as some ten boxes, and free lanes as long as others."""
+"""Control points of the boxes that are examined at a time if many wait, and number of boxes if few do: a call costs as
+much as about ten boxes, and free lanes cost as much as others."""
 
 MAX_DEPTH = 24
 """Halvings of a box, one after the other."""
 
 MAX_BOXES = 400
-"""Boxes of an element, before it is left undecided."""
+"""Boxes of an element before it is left undecided."""
 
 
 class Queue(NamedTuple):
     """Boxes that wait."""
 
-    n_waiting: np.ndarray  # int (2,), number of boxes that wait, and of elements that nobody has asked yet
+    n_waiting: np.ndarray  # int (2,), number of boxes that wait, and of elements not yet examined
     # elements of the boxes that wait, and how often these were halved
     waiting: np.ndarray  # int (n,)
     waiting_depths: np.ndarray  # int (n,)
     waiting_boxes: np.ndarray  # (n, 2, 3, 2), fractions and parameters
-    n_boxes: np.ndarray  # int (n_elements,), boxes of each element that were asked
+    n_boxes: np.ndarray  # int (n_elements,), boxes of each element that were examined
 
     @classmethod
     def of(cls, n_lanes: int, n_elements: int) -> Queue:
-        """Make one in which all elements wait."""
+        """A queue in which all elements wait."""
         room, counts = n_lanes * (2 * MAX_DEPTH + 4), lambda n: np.zeros(n, dtype=np.int64)
         return cls(np.array([0, n_elements]), counts(room), counts(room), np.zeros((room, 2, 3, 2)), counts(n_elements))
 
 
 class Boxes(NamedTuple):
-    """Boxes that are asked now, one in each lane."""
+    """Boxes under examination, one in each lane."""
 
-    numbers: np.ndarray  # int (L,), elements of the boxes; -1 in lanes that are free
-    loaded: np.ndarray  # int (L,), elements that control points and knots in the lanes belong to
+    numbers: np.ndarray  # int (L,), elements of the boxes; -1 in free lanes
+    loaded: np.ndarray  # int (L,), elements of the control points and knots in the lanes
     depths: np.ndarray  # int (L,), how often the boxes were halved
     # the boxes, and the parameters on them
     fractions: np.ndarray  # (3, 2, L)
@@ -63,14 +63,14 @@ class Boxes(NamedTuple):
 
     @classmethod
     def of(cls, n_lanes: int) -> Boxes:
-        """Make free lanes."""
+        """Free lanes."""
         ranges = np.zeros((3, 2, n_lanes)), np.zeros((3, 2, n_lanes))
         return cls(np.full(n_lanes, -1), np.full(n_lanes, -1), np.zeros(n_lanes, dtype=np.int64), *ranges)
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _load_knots(knots, first, orders, lane, local, coincide):
-    """Write the knots that an element depends on to a lane, and which are those at the ends of its span."""
+    """Write the knots that an element depends on to a lane, and which of them are the ends of its span."""
     for e in range(3):
         p, T = orders[e], knots[e]
         for i in range(2 * p - 2):
@@ -86,7 +86,7 @@ def _load_knots(knots, first, orders, lane, local, coincide):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill(knots, orders, is_empty, B, shortest, status, queue, boxes, local, coincide, edges):
-    """Give lanes boxes that wait, or elements that nobody has asked yet; return how many have one."""
+    """Fill lanes with waiting boxes or elements not yet examined; return how many lanes are in use."""
     q, now, n_busy = queue, boxes, 0
     n_1, n_2 = B.shape[1] - orders[1] + 1, B.shape[2] - orders[2] + 1
     for lane in range(now.numbers.size):
@@ -122,7 +122,7 @@ def _fill(knots, orders, is_empty, B, shortest, status, queue, boxes, local, coi
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _wait(queue, boxes, lane, depth, direction, low, high):
-    """Let a part of the box of a lane wait: that between two fractions in one direction."""
+    """Queue the part of a lane's box between two fractions in one direction."""
     q, now, at = queue, boxes, queue.n_waiting[0]
     q.n_waiting[0] += 1
     q.waiting[at], q.waiting_depths[at] = now.numbers[lane], depth
@@ -136,7 +136,7 @@ def _wait(queue, boxes, lane, depth, direction, low, high):
 def _settle(
     orders, sign, signs, vectors, rows, columns, pole, at_pole, is_inside, has_frame, is_proved, status, queue, boxes
 ):
-    """Take what was found of boxes: where that is nothing, halve them or give their elements up."""
+    """Record results for boxes; where there is none, halve the box or give its element up."""
     q, now, corner = queue, boxes, np.zeros(3, dtype=np.int64)
     for lane in range(now.numbers.size):
         number = now.numbers[lane]
@@ -162,15 +162,15 @@ def _settle(
 
 
 class Lanes:
-    """Lanes in which boxes of one volume are asked, and what is found of these."""
+    """Lanes in which boxes of one volume are examined, with the results."""
 
     def __init__(
         self,
         n_lanes: int,
         orders: tuple[int, int, int],
-        varies: np.ndarray,  # bool (3, 3), whether knots of the first direction vary with the parameter of the second
+        varies: np.ndarray,  # bool (3, 3), whether knots of the first direction vary with the second's parameter
         normal: np.ndarray,  # (3,), derivative in a direction of order 1
-        pole: tuple[int, int, int],  # the one that the elements are beside, see `knot_ranges.extraction`
+        pole: tuple[int, int, int],  # the pole next to the elements, see `knot_ranges.extraction`
     ):
         p, L, self.orders, self.normal, self.pole = max(*orders, 2), n_lanes, orders, normal, pole
         n, n_parts = 2 * p - 2, p * (p - 1) // 2
@@ -199,7 +199,7 @@ class Lanes:
         status: np.ndarray,
         queue: Queue,
     ) -> int:
-        """Give lanes boxes that wait, or elements that nobody has asked yet; return how many have one."""
+        """Fill lanes with waiting boxes or elements not yet examined; return how many lanes are in use."""
         return _fill(knots, self.orders, is_left_out, B, shortest, status, queue, self.boxes, *self.knots, self.edges)
 
     def derive(self) -> None:
@@ -223,7 +223,7 @@ class Lanes:
         control_vectors(*of_derivatives, self.frame, self.contracted, self.vectors)
 
     def judge(self, sign: float, status: np.ndarray, queue: Queue) -> None:
-        """Ask whether the Jacobian is proved of one sign, and take that, or halve the boxes."""
+        """Record whether the Jacobian is proved to have one sign, or halve the boxes."""
         self.is_proved[:] = self.has_frame
         are_positive(self.vectors, self.orders, self.columns, self.is_proved)
         _settle(
@@ -240,9 +240,9 @@ def decide_elements(
     normal: np.ndarray,  # (3,), derivative in a direction of order 1
     shortest: float,  # differences of control points up to this length (m) have collapsed
 ) -> tuple[np.ndarray, int]:
-    """Decide about all elements of a volume: their status, and how many boxes were asked."""
-    # status uint8 (N0 - p0 + 1, N1 - p1 + 1, N2 - p2 + 1): what is known of each element; one that lies between two
-    # equal knots has none and counts as valid
+    """Decide about all elements of a volume: their status, and how many boxes were examined."""
+    # status uint8 (N0 - p0 + 1, N1 - p1 + 1, N2 - p2 + 1): result for each element; an element between two equal knots
+    # is empty and counts as valid
     varies = np.array([[e != v and _varies(T, e, v) for v in range(3)] for e, T in enumerate(knots)])
     status = np.full([n - p + 1 for n, p in zip(B.shape, orders)], VALID, dtype=np.uint8)
     is_empty = np.zeros(status.shape, dtype=bool)
@@ -256,7 +256,7 @@ def decide_elements(
     many = min(max(few, LANES[0] // int(np.prod(orders))), status.size)
     for pole, side in [(NO_POLE, elsewhere), *poles]:
         is_asked = side & (status == UNDECIDED)
-        status[is_asked] = VALID  # until a box says that it is not
+        status[is_asked] = VALID  # until a box proves otherwise
         queue, found, is_left_out = Queue.of(many, status.size), status.reshape(-1), ~is_asked.reshape(-1)
         sets: dict[int, Lanes] = {}
         while queue.n_waiting.any():

@@ -1,4 +1,4 @@
-"""Which elements of B-spline volumes are valid: whose maps have a positive Jacobian everywhere between their knots.
+"""Which elements of B-spline volumes are valid: their maps have a positive Jacobian everywhere between their knots.
 
 Theory: ``docs/theory/validity.rst``.
 """
@@ -25,7 +25,7 @@ def certify_splines(
     mesh: BSplineMesh,  # the volumes
     control_points: np.ndarray,  # (n_control_points, 3), control points (m)
     names: Sequence[str],  # names of the volumes
-    # control points that decide about handedness; the same by default
+    # control points that determine handedness; the same by default
     baseline: np.ndarray | None = None,  # (n_control_points, 3)
 ) -> tuple[BlockCertificate, ...]:  # one for each volume with control points in two directions
     """Prove which elements of the volumes of a mesh are valid."""
@@ -41,7 +41,7 @@ def certify_splines(
 
 
 def spline_statuses(
-    volume: Volume,  # orders and knots. About knots that are functions of the user's own nothing can be proved
+    volume: Volume,  # orders and knots; nothing can be proved if knots are functions of the user's own
     control_points: np.ndarray,  # (N0, N1, N2, 3), control points (m)
     handedness: int,  # +1 or -1
 ) -> np.ndarray:
@@ -60,7 +60,7 @@ def spline_statuses(
 
 
 def _on_edges(knots: Knots) -> np.ndarray | None:
-    """Knots on the four edges, shape (2, 2, N + p); None where they are functions of the user's own."""
+    """Knots on the four edges, shape (2, 2, N + p); None if they are functions of the user's own."""
     if isinstance(knots, ConstantKnots):
         return np.ascontiguousarray(np.broadcast_to(knots.knots, (2, 2, knots.knots.size)))
     return np.ascontiguousarray(knots.corners) if isinstance(knots, BilinearKnots) else None

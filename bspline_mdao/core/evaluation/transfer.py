@@ -1,8 +1,8 @@
 """Transfer of fields between two members of a grid family, in the parameter space of the blocks.
 
 Members share the mapping from the parameters of a segment to space, and their indices run evenly over the same range of
-parameters (`.family`). Therefore a cell of one member covers a box of cells of the other, in fractions of index, and
-neither coordinates nor searches are needed; members need not be nested.
+parameters (`.family`). Therefore a cell of one member covers a box of cells of the other, in fractions of index.
+Neither coordinates nor searches are needed, and members need not be nested.
 
 Theory: ``docs/theory/transfer.rst``.
 """
@@ -33,17 +33,17 @@ N_TERMS = {1: 1, 2: 4, 3: 10}
 class CellTransfer(OneLine):
     """Transfer of cell values between members of a grid family, with exact transposes.
 
-    Cells are numbered block after block, each in C order, as all of the package has them. Fields may have any number of
-    values a cell: shape (n_cells, ...). On several processes these are arrays of the whole grid.
+    Cells are numbered block after block, each in C order, as everywhere in the package. Fields may have any number of
+    values per cell: shape (n_cells, ...). On several processes these are arrays of the whole grid.
 
     Parameters
     ----------
     overlaps : csr_array, shape (n_fine, n_coarse)
-        Part of each fine cell that lies in each coarse one, in index space; rows sum to one.
+        Fraction of each fine cell that lies in each coarse one, in index space; rows sum to one.
     coefficients : csr_array, shape (n_terms n_coarse, n_coarse)
         Coefficients of the polynomials of all coarse cells, term after term, from their values.
     means : csr_array, shape (n_fine, n_terms n_coarse)
-        Means over the fine cells of the terms of the coarse ones that they lie in.
+        Means over the fine cells of the terms of the coarse cells that they lie in.
 
     Examples
     --------
@@ -68,16 +68,15 @@ class CellTransfer(OneLine):
         ----------
         coarse, fine : Topology
             Topologies of two members of one family, such as ``model.topology`` and ``model.member(2).topology``.
-            Values are prolonged from the first to the second and restricted back; nothing keeps the first from being
-            the finer one.
+            Values are prolonged from the first to the second and restricted back; the first may be the finer one.
         order : int
-            Of the polynomials that a field is taken for in a coarse cell, the degree plus one: 1 for its value, 2 for
-            what is linear in index space, 3 for what is quadratic.
+            Order of the polynomials that represent a field in a coarse cell, the degree plus one: 1 for constant, 2 for
+            linear, 3 for quadratic in index space.
 
         Raises
         ------
         InputError
-            If the members are not of one family, or the order is another.
+            If the members are not of one family, or the order is not 1, 2 or 3.
         """
         if order not in N_TERMS:
             raise InputError(f"transfer of order {order!r}; give 1, 2 or 3")
@@ -102,7 +101,7 @@ class CellTransfer(OneLine):
     def prolong(self, values: np.ndarray) -> np.ndarray:
         """Means over the fine cells of the polynomials through coarse values, shape (n_coarse, ...).
 
-        The values themselves are the means of the polynomials, so that the mean in index space is kept.
+        The values themselves are the means of the polynomials, so the mean in index space is kept.
         """
         return _apply(self.means, _apply(self.coefficients, values))
 
@@ -111,17 +110,17 @@ class CellTransfer(OneLine):
         return _apply(self.coefficients.T, _apply(self.means.T, bar))
 
     def spread(self, values: np.ndarray) -> np.ndarray:
-        """Give every fine cell the mean of the coarse cells that it lies in; the transpose of `restrict_sums`."""
+        """Mean over every fine cell of the coarse cells that it lies in; the transpose of `restrict_sums`."""
         return _apply(self.overlaps, values)
 
     def restrict_sums(self, sums: np.ndarray) -> np.ndarray:
-        """Add up what belongs to fine cells as a whole, such as residuals, over coarse ones: the total stays."""
+        """Add up integral values of fine cells, such as residuals, over coarse ones; the total is conserved."""
         return _apply(self.overlaps.T, sums)
 
     def restrict_means(self, values: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Means over the coarse cells of fine values, with weights, shape (n_fine,), such as volumes.
 
-        The sum of the values times the weights stays, where a coarse cell weighs as much as the fine ones in it,
+        The sum of the values times the weights is conserved if a coarse cell weighs as much as the fine ones in it,
         ``restrict_sums(weights)``.
         """
         return _scaled(self.restrict_sums(_scaled(values, weights)), 1.0 / self.restrict_sums(weights))
@@ -135,9 +134,10 @@ class CellTransfer(OneLine):
 class NodeTransfer(OneLine):
     """Interpolation of node values from one member of a grid family to another, finer or coarser.
 
-    By cubic Hermite interpolation in the index, which folds stretched lines less than smoother ones, or linearly. Where
-    nodes coincide they keep their values: a coarser member of half the cells picks from them. Nodes that blocks share
-    get the same values if they had.
+    Cubic Hermite interpolation in the index, which folds stretched lines less than smoother interpolation does, or
+    linear. Nodes that coincide with source nodes keep their values, so a coarser member of half the cells takes a
+    subset
+    of them. Nodes that blocks share get the same values if they had the same in the source.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ class NodeTransfer(OneLine):
         Raises
         ------
         InputError
-            If the members are not of one family, or the order is another.
+            If the members are not of one family, or the order is not 2 or 4.
         """
         if order not in (2, 4):
             raise InputError(f"interpolation of nodes of order {order!r}; give 2 or 4")
@@ -171,7 +171,7 @@ class NodeTransfer(OneLine):
         return cls(block_diag([_product(block) for block in lines], format="csr"))
 
     def prolong(self, values: np.ndarray) -> np.ndarray:
-        """Values at the nodes of the target, of those of the source, shape (n_nodes, ...)."""
+        """Values at the nodes of the target from values at the nodes of the source, shape (n_nodes, ...)."""
         return _apply(self.matrix, values)
 
     def prolong_transposed(self, bar: np.ndarray) -> np.ndarray:
@@ -197,10 +197,10 @@ def _cuts(topology: Topology, block: int, d: int) -> np.ndarray:
 
 
 def _moments(coarse: np.ndarray, fine: np.ndarray) -> tuple[csr_array, csr_array, csr_array]:
-    """Moments of the parts of fine cells of a line in coarse ones, relative to the fine cells: three matrices."""
+    """Moments of the parts of a line's fine cells in coarse ones, relative to the fine cells: three matrices."""
     # With x the index in the coarse cell from its centre, the means of 1, x and (x^2 - 1/12) / 2 over each part, times
-    # its fraction of the fine cell; the mean of all of them over a coarse cell is 1, 0 and 0.
-    ends = np.interp(np.arange(fine[-1] + 1), fine, coarse)  # of the fine cells, in indices of the coarse line
+    # its fraction of the fine cell. Their means over a coarse cell are 1, 0 and 0.
+    ends = np.interp(np.arange(fine[-1] + 1), fine, coarse)  # ends of the fine cells, in indices of the coarse line
     whole = np.rint(ends)
     ends = np.where(np.abs(ends - whole) < 1e-9, whole, ends)
     bounds = np.union1d(ends, np.arange(coarse[-1] + 1.0))
@@ -231,8 +231,8 @@ def _interpolation(source: np.ndarray, target: np.ndarray, order: int) -> csr_ar
 
 def _hermite(values: np.ndarray, n: int) -> np.ndarray:
     """Cubic Hermite interpolation of rows at ``n`` evenly spread positions; rows at integers keep their values."""
-    # Slopes are of fourth order inside and of third at the ends: on the strongly stretched lines of coarse grids, the
-    # coordinates of which grow like exponentials, wider stencils at the ends fold cells.
+    # Slopes are of fourth order inside and of third at the ends. On the strongly stretched lines of coarse grids, whose
+    # coordinates grow exponentially, wider stencils at the ends fold cells.
     position = np.arange(n) * (len(values) - 1) / max(n - 1, 1)
     at = np.clip(position.astype(int), 0, max(len(values) - 2, 0))
     if len(values) == 1:
@@ -272,12 +272,12 @@ def _coefficients(lines: LineNeighbours) -> list[csr_array]:
 
 
 def _product(factors: list[csr_array]) -> csr_array:
-    """Operator on a block in C order of operators along its directions."""
+    """Operator on a block in C order from operators along its directions."""
     return kron(factors[0], kron(factors[1], factors[2], format="csr"), format="csr")
 
 
 def _apply(matrix: csr_array | csc_array, values: np.ndarray) -> np.ndarray:
-    """Product of a matrix with values of any number for each row."""
+    """Product of a matrix with any number of values per row."""
     return (matrix @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
 
 

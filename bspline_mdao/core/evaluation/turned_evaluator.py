@@ -1,4 +1,4 @@
-"""Nodes from control points whose vectors are taken along directions of their own, which differ from place to place.
+"""Nodes from control points whose vectors refer to local directions, which differ from place to place.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -16,14 +16,14 @@ from .evaluator import Evaluator
 __all__ = ["TurnedEvaluator"]
 
 Turn = Callable[[np.ndarray], np.ndarray]
-"""A linear map of vectors, each of them by itself."""
+"""A linear map of each vector separately."""
 
 
 @dataclass(frozen=True, eq=False)
 class TurnedEvaluator(OneLine):
-    """The linear map from vectors of control points to those of nodes through components of both."""
+    """The linear map from vectors of control points to vectors of nodes through components of both."""
 
-    basis: Evaluator  # from components of the control points to those of the nodes
+    basis: Evaluator  # from components of the control points to components of the nodes
     # components of the vectors of control points and of nodes, and their transposes
     to_control: Turn
     from_control: Turn
@@ -31,7 +31,7 @@ class TurnedEvaluator(OneLine):
     from_nodes: Turn
 
     def forward(self, control_points: np.ndarray) -> np.ndarray:
-        """Vectors of the nodes from those of the control points, shape (n_control_points, 3)."""
+        """Vectors of the nodes from vectors of the control points, shape (n_control_points, 3)."""
         return self.from_nodes(self.basis.forward(np.ascontiguousarray(self.to_control(control_points))))
 
     def adjoint(self, bar: np.ndarray) -> np.ndarray:
