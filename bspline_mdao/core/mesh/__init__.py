@@ -1,1 +1,1 @@
-"""The control mesh that is moved: what its points may do, and its surface."""
+"""The control mesh that is moved: the freedom of its points, and its surface."""

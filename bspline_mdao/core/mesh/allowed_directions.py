@@ -19,8 +19,8 @@ from ...grids.topology.periodic_ties import Ties
 __all__ = ["AllowedDirections", "required_planes", "sliding_planes"]
 
 INDEPENDENT = 1e-3
-"""A normal counts where it leaves the span of the others by more than this, some 0.06 deg: more than planes of real
-grids are off, less than any corner between two planes."""
+"""A normal counts if it leaves the span of the others by more than this, about 0.06 deg: more than the error of planes
+in real grids, less than any corner between two planes."""
 
 
 @dataclass(eq=False)
@@ -31,12 +31,12 @@ class AllowedDirections:
     surface: np.ndarray
     fixed: np.ndarray
     n_normals: np.ndarray  # (n_points,) of int, number of directions in which each point may not move
-    # (n_points, 3, 3), its first ``n_normals`` rows are these directions, orthonormal; the others are zero
+    # (n_points, 3, 3), the first ``n_normals`` rows are these directions, orthonormal; the others are zero
     basis: np.ndarray
 
     @classmethod
     def of(cls, n_points: int) -> AllowedDirections:
-        """Points that may all move."""
+        """Points all of which may move."""
         no = np.zeros(n_points, dtype=bool)
         return cls(no, no.copy(), np.zeros(n_points, dtype=np.int8), np.zeros((n_points, 3, 3)))
 
@@ -45,7 +45,7 @@ class AllowedDirections:
         self.fixed[ids] = True
 
     def keep_in_plane(self, ids: np.ndarray, normal: np.ndarray) -> None:
-        """Fix points in the direction of a unit normal, shape (3,), or each in its own, shape (n, 3)."""
+        """Fix points in the direction of a unit normal, shape (3,), or of one per point, shape (n, 3)."""
         normals = np.broadcast_to(normal, (len(ids), 3))
         left = normals - np.einsum("nij,nik,nk->nj", self.basis[ids], self.basis[ids], normals)
         length = np.linalg.norm(left, axis=1)
@@ -55,7 +55,7 @@ class AllowedDirections:
         self.n_normals[new] += 1
 
     def tie(self, ties: Ties) -> Ties:
-        """Fix in all points of a group what is fixed in one; return the groups that are on the surface, or are not."""
+        """Fix in all points of a group what is fixed in one; return the groups on the surface and the others."""
         is_split = self.surface[ties.originals] != self.surface[ties.copies]
         ties = ties.without(ties.originals[is_split])
         ties.raise_alike(self.fixed)
@@ -67,7 +67,7 @@ class AllowedDirections:
         return ties
 
     def _keep_in_planes(self, ids: np.ndarray, normals: np.ndarray) -> None:
-        """Fix points in the directions of normals, shape (n, 3), where these are not zero; one may be there again."""
+        """Fix points in the directions of normals, shape (n, 3), that are not zero; repeated normals do no harm."""
         order = np.flatnonzero(normals.any(axis=1))
         order = order[np.argsort(ids[order], kind="stable")]
         _, starts, counts = np.unique(ids[order], return_index=True, return_counts=True)
@@ -94,7 +94,7 @@ class AllowedDirections:
         }
 
     def _directions(self) -> tuple[np.ndarray, np.ndarray | None]:
-        """Free directions, in the coordinate axes where all normals are such and in frames otherwise."""
+        """Free directions: in coordinate axes if all normals are along axes, in frames otherwise."""
         if ((np.abs(self.basis) == 1.0).sum(axis=(1, 2)) == self.n_normals).all():
             return ~(self.basis != 0.0).any(axis=1), None
         _, _, rows = np.linalg.svd(self.basis)  # the rows of the normals' space come first, the null space last
@@ -102,18 +102,12 @@ class AllowedDirections:
 
 
 def required_planes(
-    parts: Sequence[np.ndarray],
-    whats: Sequence[str],
-    why: str = "is of kind symmetry",
-    advice: str = "make its kind 'other'",
+    parts: Sequence[np.ndarray],  # points of each patch, shape (n, 3)
+    whats: Sequence[str],  # names of the patches, for messages
+    why: str = "is of kind symmetry",  # why they have to be planar
+    advice: str = "make its kind 'other'",  # what to do if one is not
 ) -> list[MeanPlane]:
-    """Mean planes of patches that ought to be planar but for their roughness, from the points, shape (n, 3), of each.
-
-    Raises
-    ------
-    InputError
-        If one is not; ``whats`` name the patches, ``why`` they have to be planar, ``advice`` what to do.
-    """
+    """Mean planes of patches that have to be planar up to their roughness; `InputError` if one is not."""
     planes, near = mean_planes(parts), near_enough(parts)
     for plane, what in zip(planes, whats):
         if plane.roughness > near:
@@ -122,24 +116,11 @@ def required_planes(
 
 
 def sliding_planes(
-    faces: Sequence[np.ndarray], points: np.ndarray, surface: np.ndarray
-) -> list[tuple[np.ndarray, float] | None]:
-    """Find the faces that slide by default: planar ones that the design surface ends on, and those in the same planes.
-
-    Parameters
-    ----------
-    faces : sequence of ndarray of int
-        Points of each face.
-    points : ndarray, shape (n_points, 3)
-        All points (m).
-    surface : ndarray of bool, shape (n_points,)
-        Those on the design surface.
-
-    Returns
-    -------
-    list of ((ndarray, float) or None)
-        Unit normal and offset (m) of the plane of each face that slides.
-    """
+    faces: Sequence[np.ndarray],  # of int, points of each face
+    points: np.ndarray,  # (n_points, 3), all points (m)
+    surface: np.ndarray,  # bool (n_points,), points on the design surface
+) -> list[tuple[np.ndarray, float] | None]:  # unit normal and offset (m) of the plane of each face that slides
+    """Faces that slide by default: planar ones that the design surface ends on, and faces in the same planes."""
     nearest = [nearest_plane(points[ids]) for ids in faces]
     is_planar = [
         distances.max() <= near and not is_line(points[ids]) for ids, (_, distances, near) in zip(faces, nearest)

@@ -1,10 +1,10 @@
 """Directions in which the points of a mesh may move, from the patches of its grid.
 
-The points of the design surface are given. Those on symmetry planes slide in them, and so do those of any planar patch
-that the design surface ends on, because the edge that it moves would fold the cells beside it otherwise; those of
-curved patches that it ends on are free (`.following_faces`). All others on the boundary are fixed, wherever they are
-not released; walls are, planar or not. Where patches meet, the surface goes before the fixed and those before the
-sliding. The surface itself may leave planes that slide by default, but not those of symmetry.
+The points of the design surface are given. Points on symmetry planes slide in them, and so do points of any planar
+patch that the design surface ends on: the edge that it moves would otherwise fold the cells next to it. Points of
+curved patches that it ends on are free (`.following_faces`). All others on the boundary are fixed unless they are
+released; walls are, planar or not. Where patches meet, the surface takes precedence over fixed points, and these over
+sliding ones. The surface itself may leave planes that slide by default, but not symmetry planes.
 
 Theory: ``docs/theory/movers.rst``.
 """
@@ -77,19 +77,18 @@ def moving_mesh(
 
     Parameters
     ----------
-    model : FittedModel, LocalModel or MeshModel
-        The fitted grid, or what one of several processes needs of it; or a mesh without structure, whose walls are
-        patches by the names of its markers.
+    The fitted grid, or the part of it that one of several processes needs; or a mesh without structure, whose
+    patches are the names of its markers.
     design : str or sequence of str, optional
         Patches whose control points are the design surface, by name or pattern (``"wing*"``); all walls by default.
     fixed : str, ndarray of int, or sequence of them
-        Patches, or numbers of control points (from 0), that stay where they are.
+        Patches, or numbers of control points (from 0), that do not move.
     released : str or sequence of str
         Patches whose control points are free.
     sliding : str, sequence of str, or mapping from str to FixedSurface or None
         Patches whose control points slide: planar ones in their planes, others on a cylinder, a cone, a sphere or a
-        surface of revolution about x, y or z, which are found from their nodes, or on the surface that a mapping gives
-        (``{"casing": Cylinder(...)}``; None has it found). Symmetry planes slide in any case, and planar patches that
+        surface of revolution about x, y or z. The surface is found from their nodes, or given by a mapping
+        (``{"casing": Cylinder(...)}``; None finds it). Symmetry planes always slide, and so do planar patches that
         the design surface ends on unless they are walls, fixed or released.
 
     Returns
@@ -99,22 +98,22 @@ def moving_mesh(
     Raises
     ------
     InputError
-        If a patch does not exist, one that is to slide is on no such surface or far from the one that is given, two
-        things are asked of one patch, there is no design surface, or a block is planar.
+        If a patch does not exist, a patch that is to slide is on no such surface or far from the given one, there are
+        conflicting requests for a patch, there is no design surface, or a block is planar.
 
     Notes
     -----
-    Of a section that is one layer of cells between two planes of symmetry, the surface in one plane moves as that in
-    the other one does: it is one curve, with one value of a variable for each of its points (``copies``).
+    In a section, one layer of cells between two planes of symmetry, the surface in one plane moves as in the other: it
+    is one curve, with one value of a variable for each of its points (``copies``).
 
     Curved patches of the far field, of kind ``other`` and of no kind follow the design surface where it ends on them,
-    unless they are fixed, or periodic and not tied: their points are free. Those of periodic sides that are tied are
-    free as well, planar or not, and both sides move alike.
+    unless they are fixed, or periodic and not tied: their points are free. Points of tied periodic sides are also free,
+    planar or not, and both sides move alike.
 
-    Where a patch slides on a curved surface, its nodes stay on that as well as they are on it on the baseline, and on
-    planes that end on it, whatever control points do. These slide in its tangent planes, and are free on sides of
-    blocks on which the design surface ends. Components take the surface from the mesh, see :doc:`/theory/sliding`. The
-    design surface may leave it; its nodes on the edge there do not.
+    Where a patch slides on a curved surface, its nodes stay on it, and on planes that end on it, as well as they are on
+    the baseline, whatever control points do. Its control points slide in tangent planes of the surface, and are free on
+    sides of blocks on which the design surface ends. Components take the surface from the mesh, see
+    :doc:`/theory/sliding`. The design surface may leave it; its nodes on the edge there do not.
 
     Examples
     --------
@@ -172,9 +171,9 @@ def moving_grid(
     nodes : ndarray, shape (n_nodes, 3)
         All nodes of the grid (m), blocks in order, each in C order.
     design, fixed, released, sliding
-        As for `moving_mesh`; numbers are those of the points of the mesh. Points on patches that slide on curved
-        surfaces are there after a move, and what that takes fades over the blocks, see :doc:`/theory/sliding`. Those on
-        the edge of the design surface slide from where they are given.
+        As for `moving_mesh`, with numbers of points of the mesh. Points on patches that slide on curved surfaces are on
+        these after a move, and the displacement that this takes fades over the blocks, see :doc:`/theory/sliding`.
+        Points on the edge of the design surface slide from their given places.
 
     Returns
     -------
@@ -186,7 +185,7 @@ def moving_grid(
     Raises
     ------
     InputError
-        As `moving_mesh`; also if the nodes are of another shape.
+        As for `moving_mesh`; also if the nodes have the wrong shape.
 
     Examples
     --------
@@ -225,7 +224,7 @@ class _Requests:
     released: frozenset[str]
     sliding: frozenset[str]
     fixed_point_ids: np.ndarray
-    surfaces: Mapping[str, FixedSurface]  # those that are given, by patch
+    surfaces: Mapping[str, FixedSurface]  # given surfaces, by patch
 
     @classmethod
     def of(
@@ -269,7 +268,7 @@ def _mesh(
     volumes: tuple[Volume, ...] | None = None,
     nodes: Callable[[], np.ndarray] | None = None,
 ) -> MovingMesh:
-    """Sort the boundary faces of all blocks by what is asked of them."""
+    """Sort the boundary faces of all blocks by the requests for them."""
     allowed = AllowedDirections.of(len(points))
     others: list[Side] = []
     designed: list[Side] = []
@@ -351,7 +350,7 @@ def _tied(ties: Ties | None, surface: np.ndarray) -> dict[str, Any]:
 
 
 def _curved(sides: Sequence[Side], points: np.ndarray, asked: _Requests, may_be_found: bool) -> list[Side]:
-    """Sides that are to slide on a surface that is given, or, where one may be found, are not planar."""
+    """Sides that slide on a given surface, or that are not planar if a surface may be found."""
     found = [side for side in sides if _is_asked_to_slide(side.face, asked)]
     is_given = [side.face.patch in asked.surfaces for side in found]
     return [
@@ -364,7 +363,7 @@ def _curved(sides: Sequence[Side], points: np.ndarray, asked: _Requests, may_be_
 def _asked_planes(
     others: Sequence[Side], points: np.ndarray, asked: _Requests, source: str
 ) -> Iterator[tuple[Side, MeanPlane]]:
-    """Yield the faces that have to slide in planes, and the mean plane of each."""
+    """Yield the faces that have to slide in planes, with the mean plane of each."""
     for is_wanted, reason in ((_is_asked_to_slide, ("is to slide", "fix or release it")), (_is_symmetry, ())):
         found = [side for side in others if is_wanted(side.face, asked)]
         whats = [f"{source}: patch {side.face.patch}" for side in found]
@@ -381,12 +380,12 @@ def _is_symmetry(face: BoundaryFace, asked: _Requests) -> bool:
 
 
 def _may_slide(face: BoundaryFace, asked: _Requests) -> bool:
-    """Whether a face slides where it is planar and the design surface ends on it, and follows where it is curved."""
+    """Whether a face that the design surface ends on slides if it is planar, and follows if it is curved."""
     return face.kind in ("other", "farfield", "overset", None) and face.patch not in asked.fixed
 
 
 def _met(sides: Iterable[Side], surface: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
-    """Gather the faces that the design surface ends on by patch: what to call it, and its points."""
+    """Gather the faces that the design surface ends on by patch: its name for messages, and its points."""
     found: dict[str, list[np.ndarray]] = {}
     for face, ids, _ in sides:
         if surface[ids].any():
@@ -396,7 +395,7 @@ def _met(sides: Iterable[Side], surface: np.ndarray) -> tuple[tuple[str, np.ndar
 
 
 def boundary_points(topology: Topology, blocks: Sequence[np.ndarray]) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
-    """Boundary faces, each with the points of every face of a segment that is on it; see `boundary_sections`."""
+    """Boundary faces, each with the points of every segment face on it; see `boundary_sections`."""
     for face, ids in boundary_sections(topology, blocks):
         yield face, np.unique(ids)
 
@@ -428,12 +427,12 @@ def matching_patches(topology: Topology, patterns: str | Sequence[str]) -> froze
 
 
 def matching_names(
-    names: Iterable[str],  # names that there are
+    names: Iterable[str],  # existing names
     patterns: str | Sequence[str],  # names or patterns (``"wing*"``)
     what: str,  # what has them, for messages
-    called: tuple[str, str] = ("patch", "patches"),  # what one of them is called, and several are
+    called: tuple[str, str] = ("patch", "patches"),  # what they are called, singular and plural
 ) -> frozenset[str]:
-    """Names, of patches as a rule, that match any of the patterns."""
+    """Names, usually of patches, that match any of the patterns."""
     found: set[str] = set()
     for pattern in (patterns,) if isinstance(patterns, str) else patterns:
         matches = {name for name in names if name == pattern or fnmatchcase(name, pattern)}
@@ -450,7 +449,7 @@ def _names(sliding: Sliding) -> str | Sequence[str]:
 
 
 def _split(fixed: Selection | Sequence[Selection], n_points: int) -> tuple[list[str], np.ndarray]:
-    """Names and numbers of what is fixed."""
+    """Names of fixed patches, and numbers of fixed points."""
     items = [fixed] if isinstance(fixed, np.ndarray) or np.isscalar(fixed) else list(fixed)
     ids = [np.asarray(item).ravel() for item in items if not isinstance(item, str)]
     ids = [numbers for numbers in ids if len(numbers)]

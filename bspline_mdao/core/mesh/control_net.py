@@ -1,10 +1,10 @@
 """The surface as a net of control points: its quads, and a normal at every point.
 
-The normal at a point is the mean of the unit normals of the corners of the quads around it, weighted by their angles,
-so that it does not depend on how the surface is cut into quads. At a sharp edge it halves the angle between the two
-sides. Where the sides lie on one another, as around a plate, these cancel; there it takes its limit for ever thinner
-sides, which is in the plane of the quads and halves the angle that they leave open. On a plane of symmetry the normal
-is that of the surface with its mirror image: it lies in the plane. Theory: ``docs/theory/free_form.rst``.
+The normal at a point is the mean of the unit normals at the corners of the quads around it, weighted by their angles,
+so it does not depend on how the surface is cut into quads. At a sharp edge it bisects the angle between the two sides.
+If the sides lie on one another, as around a plate, their normals cancel. The normal then takes its limit for ever
+thinner sides, which is in the plane of the quads and bisects the angle that they leave open. On a plane of symmetry the
+normal is that of the surface with its mirror image, so it lies in the plane. Theory: ``docs/theory/free_form.rst``.
 
 References
 ----------
@@ -26,8 +26,8 @@ from .moving_mesh import MovingMesh
 __all__ = ["surface_normals", "surface_quads"]
 
 CANCELLED = 1e-6
-"""Part of the sum of all angles below which the weighted normals around a point count as cancelling: the sides of a
-plate lie on one another but for the errors of the fit."""
+"""Fraction of the sum of all angles below which the weighted normals around a point count as cancelling: the sides of a
+plate lie on one another up to the error of the fit."""
 
 COLLAPSED = 1e-12
 """Length of an edge, relative to the mesh, that is round-off: the edge has collapsed."""
@@ -37,15 +37,15 @@ def surface_quads(
     mesh: MovingMesh,  # the mesh
 ) -> np.ndarray:
     """Quads of surface control points between the surface and the fluid."""
-    # Returns (n_quads, 4) of int, rows of ``mesh.surface_ids`` of the corners, around the normal that points into the
-    # fluid. A collapsed quad has corners that are the same.
+    # Returns (n_quads, 4) of int, rows of ``mesh.surface_ids`` of the corners, around the normal into the fluid. A
+    # collapsed quad has equal corners.
     if mesh.surface_faces is not None:
         return mesh.surface_faces
     quads = np.concatenate([_side_quads(mesh.points, ids, side) for ids in mesh.blocks for side in range(6)])
     quads = mesh.surface_rows[quads]
     quads = quads[(quads >= 0).all(axis=1)]
     _, first, counts = np.unique(np.sort(quads, axis=1), axis=0, return_index=True, return_counts=True)
-    return quads[np.sort(first[counts == 1])]  # those between two blocks are there twice
+    return quads[np.sort(first[counts == 1])]  # quads between two blocks occur twice
 
 
 def _side_quads(points: np.ndarray, ids: np.ndarray, side: int) -> np.ndarray:
@@ -85,7 +85,7 @@ class _Corners:
 
     @classmethod
     def of(cls, x: np.ndarray, smallest: float) -> _Corners:
-        """Look at quads, shape (n, 4, 3); where an edge is as good as none, the diagonal takes its place."""
+        """Corners of quads, shape (n, 4, 3); the diagonal replaces an edge of negligible length."""
         ahead, across, behind = (np.roll(x, -step, axis=1) - x for step in (1, 2, 3))
         ahead = _unit(np.where(lengths(ahead)[..., None] > smallest, ahead, across))
         behind = _unit(np.where(lengths(behind)[..., None] > smallest, behind, across))
@@ -96,10 +96,10 @@ class _Corners:
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors of length 1; those as good as zero become zero."""
+    """Vectors of length 1; negligible ones become zero."""
     return unit_vectors(vectors, np.zeros(3), COLLAPSED)
 
 
 def _sum_at(quads: np.ndarray, vectors: np.ndarray, n: int) -> np.ndarray:
-    """Sum vectors of corners, shape (n_quads, 4, 3), at the points of the corners: shape (n, 3)."""
+    """Sum vectors of corners, shape (n_quads, 4, 3), at the points of the corners, shape (n, 3)."""
     return np.stack([np.bincount(quads.ravel(), vectors[..., d].ravel(), n) for d in range(3)], axis=1)

@@ -1,8 +1,8 @@
-"""Sides that are to slide and are not planar: which surface each patch slides on, given or recognised from its nodes.
+"""Non-planar sides that slide: the surface of each patch, given or recognised from its nodes.
 
 Control points of such a side slide in the tangent planes of its surface. Where the design surface ends on the side they
-are free: its edge leaves these planes as it slides, and next to it points that do not would fold the cells of a
-boundary layer. The nodes are taken to the surface itself, whatever the control points do, see
+are free: its edge leaves these planes as it slides, and points next to it that did not would fold the cells of a
+boundary layer. The nodes are put on the surface itself, whatever the control points do, see
 `bspline_mdao.core.sliding.sliding_nodes`.
 
 Theory: ``docs/theory/sliding.rst``.
@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 Sliding = str | Sequence[str] | Mapping[str, FixedSurface | None]
-"""Patches by name or pattern, or each with the surface that it slides on: None where that is to be found."""
+"""Patches by name or pattern, or each with the surface that it slides on; None has the surface found."""
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ class Side(NamedTuple):
 
 
 def given_surfaces(sliding: Sliding) -> dict[str, FixedSurface]:
-    """Surfaces that are given, by the patterns of their patches."""
+    """Given surfaces, by the patterns of their patches."""
     pairs = sliding.items() if isinstance(sliding, Mapping) else ()
     for pattern, surface in pairs:
         if surface is not None and not isinstance(surface, FixedSurface):
@@ -70,12 +70,12 @@ def is_curved(sides: Sequence[Side], points: np.ndarray) -> list[bool]:
 
 def curved_slides(
     topology: Topology,
-    sides: Sequence[Side],  # those that are to slide and are not planar, or whose surface is given
+    sides: Sequence[Side],  # sides that slide and are not planar, or whose surface is given
     given: Mapping[str, FixedSurface],  # surfaces by patch
-    # all nodes (m), shape (n_nodes, 3); None where a process has a part of them, and all surfaces are given
+    # all nodes (m), shape (n_nodes, 3); None if a process has a part of them and all surfaces are given
     nodes: Callable[[], np.ndarray] | None,
 ) -> list[Slide]:
-    """Find the surface of each patch; `InputError` where its nodes are not on it, or on none."""
+    """Find the surface of each patch; `InputError` if its nodes are not on it, or on none."""
     by_patch: dict[str, list[int]] = {}
     for side in sides:
         by_patch.setdefault(str(side.face.patch), []).append(side.number)
@@ -102,7 +102,7 @@ def curved_slides(
 
 
 def slide_in_plane(side: Side, normal: np.ndarray, offset: float) -> Slide:
-    """Keep nodes of a side in its plane, where a curved one ends on it."""
+    """Keep nodes of a side in its plane if a curved side ends on it."""
     return Slide(f"patch '{side.face.patch}'", Plane(normal, offset), (side.number,))
 
 
@@ -113,7 +113,7 @@ def tangent_normals(surface: FixedSurface, points: np.ndarray) -> np.ndarray:
 
 
 def require_off_design(sides: Iterable[Side], what: str) -> None:
-    """Refuse patches of the design surface that are to slide on a surface."""
+    """Refuse to let patches of the design surface slide."""
     for side in sides:
         raise InputError(
             f"{what}: patch '{side.face.patch}' is to slide and is of the design surface; name the patches that are "
@@ -124,7 +124,7 @@ def require_off_design(sides: Iterable[Side], what: str) -> None:
 def _require_near(
     surface: FixedSurface, points: np.ndarray, rows: np.ndarray, near: float, what: str, topology: Topology
 ) -> None:
-    """Refuse a given surface that nodes are far from, and tell where they are off."""
+    """Refuse a given surface if nodes are far from it, and log smaller distances."""
 
     def place_of(number: int) -> str:
         (block,), (index,) = topology.layout.unravel(rows[number : number + 1])

@@ -17,14 +17,14 @@ from .moving_mesh import MovingMesh
 __all__ = ["Frame", "Plane", "mesh_frame", "mesh_planes", "surface_frame"]
 
 _BINS = 8
-"""Parts of the span, each of which gives one point of the middle line."""
+"""Number of slices of the span, each of which gives one point of the middle line."""
 
 _FLAT = 1e-9
-"""A surface without this part of its size along the span has no span."""
+"""Least extent along the span, relative to the size of the surface, that counts as a span."""
 
 TOUCHED = 1e-3
-"""A surface that ends this near to a plane of symmetry, by its extent along the normal, ends on it: control points and
-nodes are off by the fit's error and by roughness."""
+"""A surface that ends this near to a plane of symmetry, relative to its extent along the normal, ends on it: control
+points and nodes are off by the error of the fit and by roughness."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Plane(OneLine):
 
     normal: np.ndarray  # (3,), unit normal
     offset: float  # distance from the origin along the normal (m)
-    roughness: float = 0.0  # largest distance of a node that is in it (m)
+    roughness: float = 0.0  # largest distance of a node in it (m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Frame(OneLine):
         return (points - self.origin) @ self.axes.T
 
     def to_space(self, local: np.ndarray) -> np.ndarray:
-        """Points, shape (n, 3), of coordinates along stream, normal and span."""
+        """Points, shape (n, 3), from coordinates along stream, normal and span."""
         return local @ self.axes + self.origin
 
     def middle_at(self, span: Any) -> tuple[Any, Any]:
@@ -66,9 +66,9 @@ def surface_frame(points: np.ndarray, planes: tuple[Plane, ...] = ()) -> Frame:
     """Find the directions of a surface from its box and its planes of symmetry.
 
     The span is normal to a plane of symmetry, and starts there, or where the surface begins if it does not reach the
-    plane; of several, that along which the surface is longest. Without one it is the longest side of the box and starts
-    at its low end. The stream is the longer of the other two sides. The middle line joins the middles of the boxes of
-    slices of the surface.
+    plane. With several planes, the one along whose normal the surface is longest counts. Without one the span is the
+    longest side of the box and starts at its low end. The stream is the longer of the other two sides. The middle line
+    joins the centres of the boxes of slices of the surface.
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ def surface_frame(points: np.ndarray, planes: tuple[Plane, ...] = ()) -> Frame:
 def mesh_frame(mesh: MovingMesh) -> Frame:
     """Find the directions of the surface of a control mesh, along the stream, normal to it and along the span.
 
-    The span is normal to a plane of symmetry that the surface ends on, and starts there; without one it is the longest
-    side of the box about the surface. The stream is the longer of the other two sides.
+    The span is normal to a plane of symmetry that the surface ends on, and starts there. Without one it is the longest
+    side of the box around the surface. The stream is the longer of the other two sides.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def mesh_frame(mesh: MovingMesh) -> Frame:
     Returns
     -------
     Frame
-        Its ``chord`` and ``span`` (m); ``to_local`` and ``to_space`` turn points.
+        Its ``chord`` and ``span`` are in m; ``to_local`` and ``to_space`` transform points.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def _span_axis(points: np.ndarray, planes: tuple[Plane, ...]) -> tuple[np.ndarra
 
 
 def _across(axis: np.ndarray) -> np.ndarray:
-    """Two directions at right angles to an axis, each along a coordinate axis as far as may be; shape (2, 3)."""
+    """Two directions normal to an axis, each as close to a coordinate axis as possible; shape (2, 3)."""
     main = int(np.argmax(np.abs(axis)))
     rows: list[np.ndarray] = []
     for candidate in np.delete(np.eye(3), main, axis=0):
@@ -172,7 +172,7 @@ def _across(axis: np.ndarray) -> np.ndarray:
 
 
 def _middle_line(local: np.ndarray) -> np.ndarray:
-    """Straight line through the middles of slices of the span."""
+    """Straight line through the centres of slices of the span."""
     span = local[:, 2]
     number = np.minimum((_BINS * span / span.max()).astype(int), _BINS - 1)
     slices = [local[number == n] for n in np.unique(number[number >= 0])]
@@ -183,7 +183,7 @@ def _middle_line(local: np.ndarray) -> np.ndarray:
 
 
 def _coincide(plane: Plane, normal: np.ndarray, offset: float, size: float) -> bool:
-    """Whether a plane has this normal and offset but for round-off and sign."""
+    """Whether a plane has this normal and offset up to round-off and sign."""
     sign = np.sign(plane.normal @ normal)
     is_parallel = np.abs(sign * normal - plane.normal).max() < 1e-6
     return is_parallel and abs(sign * offset - plane.offset) < 1e-6 * size

@@ -1,8 +1,8 @@
-"""The surface at the places of its control points in parameter space, and the control points that interpolate there.
+"""The surface at the Greville abscissae of its control points, and the control points that interpolate there.
 
-Control points stand off a curved surface. A displacement that is given as a function of places on the surface, such as
-a bump at some part of the chord, is met where the surface is at the Greville abscissae of its control points: their
-displacements solve a sparse system that is constant. Theory: ``docs/theory/parametrization.rst``.
+Control points do not lie on a curved surface. A displacement given as a function of places on the surface, such as a
+bump at some fraction of the chord, is met where the surface is at the Greville abscissae of its control points: the
+displacements of these solve a constant sparse system. Theory: ``docs/theory/parametrization.rst``.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from .moving_mesh import MovingMesh
 __all__ = ["GrevilleSurface"]
 
 _BETWEEN = 16
-"""Intervals between neighbouring Greville abscissae at which the surface is sampled, where it is no straight line."""
+"""Samples of the surface between neighbouring Greville abscissae, if it is not a straight line."""
 
 _NEGLIGIBLE = 1e-13
-"""Part of the largest displacement below which one is round-off of the system."""
+"""Fraction of the largest displacement below which a displacement is round-off of the system."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +37,13 @@ class GrevilleSurface(OneLine):
     points: np.ndarray  # (n_surface, 3), the surface at the Greville abscissae of its control points (m)
     normals: np.ndarray  # (n_surface, 3), its normals there into the fluid, of any length
     matrix: csc_array  # (n_surface, n_surface), from control points to these points
-    # many points of the surface (m), and quads between them; faces share none
+    # many points of the surface (m), and quads between them; faces do not share points
     samples: np.ndarray  # (n_samples, 3)
     quads: np.ndarray  # int (n_quads, 4)
 
     @classmethod
     def of(cls, mesh: MovingMesh) -> GrevilleSurface:
-        """Evaluate the surface of a control mesh; that of a mesh without splines is its own points."""
+        """Evaluate the surface of a control mesh; without splines it is the mesh's own points."""
         n, at_baseline = len(mesh.surface_ids), mesh.points[mesh.surface_ids]
         if mesh.volumes is None or mesh.parameters is None:
             return cls(at_baseline, surface_normals(mesh), eye_array(n, format="csc"), at_baseline, surface_quads(mesh))
@@ -74,7 +74,7 @@ class GrevilleSurface(OneLine):
         self,
         displacements: np.ndarray,  # (n_surface, m), of the surface at `points`
     ) -> np.ndarray:
-        """Return the displacements of the control points, shape (n_surface, m), by which the surface has these."""
+        """Displacements of the control points, shape (n_surface, m), that give the surface these displacements."""
         found = self._factor.solve(np.ascontiguousarray(displacements, dtype=float))
         return np.where(np.abs(found) > _NEGLIGIBLE * np.abs(found).max(initial=0.0), found, 0.0)
 
@@ -92,9 +92,7 @@ def _faces(mesh: MovingMesh) -> Iterator[tuple[int, int, np.ndarray]]:
             if (rows >= 0).all() and not any((rows == rows.take([0], axis=d)).all() for d in range(2)):
                 found.append((block, side, rows))
     keys = [tuple(np.unique(rows).tolist()) for _, _, rows in found]
-    yield from (
-        face for face, key in zip(found, keys) if keys.count(key) == 1
-    )  # those between two blocks are there twice
+    yield from (face for face, key in zip(found, keys) if keys.count(key) == 1)  # faces between two blocks occur twice
 
 
 def _into_block(gradients: np.ndarray, side: int) -> np.ndarray:
@@ -109,7 +107,7 @@ def _into_block(gradients: np.ndarray, side: int) -> np.ndarray:
 def _weights(
     found: tuple[np.ndarray, np.ndarray], orders: tuple[int, int, int], rows: np.ndarray, axis: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of the control points that points of a face depend on, and their weights: each (n, p0 p1)."""
+    """Rows of the control points that points of a face depend on, and their weights, each (n, p0 p1)."""
     firsts, values = found
     ends = np.cumsum(orders)
     a, b = (d for d in range(3) if d != axis)
@@ -121,7 +119,7 @@ def _weights(
 
 
 def _between(places: np.ndarray, order: int) -> np.ndarray:
-    """Parameters (n0, n1, 3) with others between those of the first direction, unless that is straight."""
+    """Parameters (n0, n1, 3), refined in the first direction unless it is straight."""
     if order <= 2:
         return places
     at = np.arange((len(places) - 1) * _BETWEEN + 1) / _BETWEEN

@@ -1,8 +1,8 @@
-"""Directions in which control points may move while the surface, and all else on the boundary, stays.
+"""Directions in which control points may move while the surface, and the rest of the boundary, stays.
 
-Points of symmetry planes slide in them, and so do those of planar patches that are asked to; all others of the boundary
-are held: walls, far field, what nobody declared, and edges where patches meet. Lines and faces that have collapsed are
-held too. Points of interfaces are one point of all their blocks and move with them.
+Points of symmetry planes slide in them, and so do points of planar patches on request. All others of the boundary are
+fixed: walls, far field, undeclared faces, and edges where patches meet. Points on collapsed lines and faces are fixed
+too. A point of an interface is one point of all its blocks and moves with them.
 
 Theory: ``docs/theory/adaptation.rst``.
 """
@@ -26,12 +26,13 @@ __all__ = ["fixed_periodic_planes", "interior_directions"]
 
 def interior_directions(
     model: FittedModel,  # the fitted grid
-    # planar patches, by name or pattern, whose points slide in their planes, beside those of kind ``symmetry``
+    # planar patches, by name or pattern, whose points slide in their planes, in addition to kind ``symmetry``
     sliding: str | Sequence[str] = (),
 ) -> np.ndarray:
     """Directions in which each control point may move."""
-    # Returns (n_control_points, 3, 3), orthogonal projectors onto these directions: the identity where a point is free,
-    # zero where it is held.
+    # Returns (n_control_points, 3, 3), orthogonal projectors onto these directions: the identity if a point is free,
+    # zero
+    # if it is fixed.
     topology, points, blocks = model.topology, model.control_points, model.mesh.control_ids
     asked = matching_patches(topology, sliding)
     allowed = AllowedDirections.of(len(points))
@@ -57,8 +58,8 @@ def fixed_periodic_planes(
     model: FittedModel,  # the fitted grid
     sliding: str | Sequence[str] = (),  # patches that slide already, by name or pattern
 ) -> tuple[PeriodicPair, ...]:
-    """Find the periodic planes whose points are held, and could slide."""
-    # Returns planar boundaries of the kind ``other`` or of none that a rotation lays onto each other.
+    """Find the periodic planes whose points are fixed but could slide."""
+    # Returns planar boundaries of kind ``other`` or of no kind that a rotation maps onto each other.
     asked, grid = matching_patches(model.topology, sliding), model.regenerate()
     windows = []
     for face in model.topology.boundary:

@@ -1,9 +1,9 @@
 """The mesh that a mover moves: hexahedra, and the directions in which each of their points may move.
 
 A control mesh and a fine grid are the same thing to a mover. `bspline_mdao.core.mesh.boundary` makes either from a
-fitted model or a grid and its patches. Which elements are still valid `Tangling` has exactly, for messages, and
-`ElementCorners` as a smooth function of the points, for a constraint: the aggregate ``corner_ks`` of grids, taken over
-the elements of a mesh whose blocks share points.
+fitted model or a grid and its patches. Which elements are still valid is given exactly by `Tangling`, for messages, and
+by `ElementCorners` as a smooth function of the points, for a constraint: the aggregate ``corner_ks`` of grids, over the
+elements of a mesh whose blocks share points.
 
 Theory: ``docs/theory/movers.rst``, ``docs/theory/quality.rst``.
 """
@@ -42,15 +42,16 @@ __all__ = ["ElementCorners", "MovingMesh", "Tangling", "require_mesh"]
 
 @dataclass(frozen=True)
 class Tangling(OneLine):
-    """Elements that are valid on the baseline and not any more."""
+    """Elements that are valid on the baseline but no longer."""
 
     n_tangled: int  # their number
-    place: str  # the worst of them; empty where there is none
+    place: str  # the worst of them; empty if there is none
     min_corner: float  # smallest corner triple product of unit edges of the elements that are valid on the baseline
-    # smallest ratio of an element's smallest corner triple product to its own on the baseline, of the same elements: 1
-    # where nothing has changed, 0 or less where the mesh tangles
+    # smallest ratio of an element's smallest corner triple product to its value on the baseline, of the same elements:
+    # 1
+    # if nothing has changed, 0 or less if the mesh tangles
     corner_ratio: float
-    # elements that are invalid, whatever they are on the baseline: counted as the report of a fit counts them
+    # invalid elements, whatever they are on the baseline, counted as in the report of a fit
     n_invalid: int
 
 
@@ -65,49 +66,49 @@ class MovingMesh(OneLine):
     names : tuple of str
         Name of every block for messages, such as ``"block 3"``.
     points : ndarray, shape (n_points, 3)
-        Points of the baseline (m). They decide, once and for all, what is discrete: collapsed corners, handedness and
-        planes of symmetry. What is moved is given anew in every move.
+        Points of the baseline (m). They decide, once and for all, about everything discrete: collapsed corners,
+        handedness and planes of symmetry. Points that are moved are given in every move.
     surface_ids : ndarray of int32, shape (n_surface,)
-        Points of the design surface, ascending: given in all three coordinates.
+        Points of the design surface, ascending; all three coordinates are given.
     is_free : ndarray of bool, shape (n_points, 3)
-        Directions in which each point may move, of its frame. None on the surface and where a point is fixed.
+        Directions of its frame in which each point may move; none on the surface and where a point is fixed.
     frames : ndarray, shape (n_points, 3, 3), or None
         Rows are the orthonormal directions of each point that ``is_free`` refers to; the coordinate axes by default.
     in_plane_rows : ndarray of int, shape (n_in_plane,)
-        Rows of ``surface_ids`` of the surface points that lie on a symmetry plane, or on another one that they have to
+        Rows of ``surface_ids`` of the surface points that lie on a symmetry plane, or on another plane that they have
+        to
         stay in, once for each plane.
     in_plane_normals : ndarray, shape (n_in_plane, 3)
         Unit normals of these planes.
     parameters : tuple of ndarray, each of shape (N0, N1, N2, 3), or None
-        Place of every point of every block in parameter space, where the mesh is a control mesh.
+        Parameters of every point of every block, if the mesh is a control mesh.
     volumes : tuple of Volume, or None
-        Splines of every block, where the mesh is a control mesh.
+        Splines of every block, if the mesh is a control mesh.
     planes : tuple of (ndarray, float)
         Unit normals and offsets (m) of the planes of no declared kind in which points slide because the design surface
         ends on them; the surface itself may leave them.
     obstacles : tuple of (str, ndarray of int)
-        Patches that are fixed although the design surface ends on them: what to call them in a message, and their
-        points. Elements beside them tangle first.
+        Patches that are fixed although the design surface ends on them: their name for messages, and their points.
+        Elements next to them tangle first.
     following : tuple of (str, ndarray of int)
-        Curved patches that are free because the design surface ends on them, in the same way.
+        Curved patches that are free because the design surface ends on them, in the same format.
     surface_faces : ndarray of int, shape (n_faces, 4), or None
-        Faces of the design surface by rows of ``surface_ids``, around the normal into the fluid, where the surface is
-        not that of the blocks; triangles have their last corner twice.
+        Faces of the design surface by rows of ``surface_ids``, around the normal into the fluid, if the surface is not
+        the blocks'; triangles have their last corner twice.
     markers : tuple of (str, ndarray of int, ndarray of int)
-        Points that are in no block: the marker that they are of, for messages, the points, and their numbers there.
+        Points in no block: their marker, for messages, the points, and their numbers in the marker.
     copies : ndarray of int, shape (n_copies, 2)
-        Rows of ``surface_ids`` of surface points, and of those that move as they do: both planes of a section, or
+        Rows of ``surface_ids`` of surface points, and of points that move as they do: both planes of a section, or
         periodic sides.
     copy_turns : ndarray, shape (n_copies, 3, 3), or None
         Rotation by which the displacement of each copy is turned; none by default.
     ties : Ties, or None
-        Points of periodic sides, which are one but for a motion; None where there are none.
+        Points of periodic sides that are the same up to a motion; None if there are none.
     slides : tuple of Slide
-        Patches that slide on fixed surfaces which are not planes, and planes that end on them; empty where there are
-        none.
+        Patches that slide on non-planar fixed surfaces, and planes that end on them; empty if there are none.
     sliding_points : SlidingPoints, optional
-        What takes the points themselves to these surfaces after a move, where the mesh is a grid: of a control mesh the
-        nodes of its grid are taken there.
+        Map that takes the points themselves to these surfaces after a move, if the mesh is a grid. For a control mesh
+        the nodes of its grid are taken there instead.
 
     Examples
     --------
@@ -171,9 +172,9 @@ class MovingMesh(OneLine):
 
     @cached_property
     def plane_normals(self) -> np.ndarray:
-        """Unit normals of the planes in which points slide, shape (n_planes, 3), those of parallel planes once.
+        """Unit normals of the planes in which points slide, shape (n_planes, 3), once for parallel planes.
 
-        All directions where nodes slide on surfaces that are not planes: no rigid motion is theirs in general.
+        All directions if nodes slide on non-planar surfaces, which in general allow no rigid motion.
         """
         if self.curved_slides:
             return np.eye(3)
@@ -189,7 +190,7 @@ class MovingMesh(OneLine):
     def elements(self) -> np.ndarray:
         """Corners of the elements, shape (n_elements, 8), int32, block by block in C order.
 
-        Corner ``a + 2 b + 4 d`` is at the end a, b, d = 0, 1 of the directions i, j, k.
+        Corner ``a + 2 b + 4 d`` is at the ends a, b, d = 0, 1 of the directions i, j, k.
         """
         return np.concatenate([_hexahedra(ids) for ids in self.blocks])
 
@@ -216,11 +217,11 @@ class MovingMesh(OneLine):
 
     @property
     def curved_slides(self) -> tuple[Slide, ...]:
-        """Those of `slides` that are on no plane."""
+        """Elements of `slides` on non-planar surfaces."""
         return tuple(slide for slide in self.slides if not isinstance(slide.surface, Plane))
 
     def stranded_blocks(self) -> tuple[str, ...]:
-        """Names of the blocks that no chain of shared points joins to the design surface: nothing moves them."""
+        """Names of the blocks that no chain of shared points joins to the design surface, so nothing moves them."""
         n_blocks = len(self.blocks)
         block = np.repeat(np.arange(n_blocks), [ids.size for ids in self.blocks])
         points = np.concatenate([ids.ravel() for ids in self.blocks]) + n_blocks
@@ -232,7 +233,7 @@ class MovingMesh(OneLine):
 
     @cached_property
     def surface_lines(self) -> list[np.ndarray]:
-        """Rows of ``surface_ids`` in blocks or lines, neighbours joined by edges; -1 where there is no such point."""
+        """Rows of ``surface_ids`` in blocks or lines, neighbours joined by edges; -1 for no such point."""
         if self.surface_faces is not None:
             return [rings(self.surface_faces)]
         return [self.surface_rows[ids] for ids in self.blocks]
@@ -246,7 +247,7 @@ class MovingMesh(OneLine):
         return [*self.blocks, np.where(around < 0, -1, self.surface_ids[around])]
 
     def once(self, rows: np.ndarray) -> np.ndarray:
-        """Rows of ``surface_ids`` with originals in the place of `copies`, each once, in their order."""
+        """Rows of ``surface_ids`` with originals in place of `copies`, each once, in their order."""
         original = np.arange(len(self.surface_ids))
         original[self.copies[:, 1]] = self.copies[:, 0]
         _, first = np.unique(original[rows], return_index=True)
@@ -261,9 +262,9 @@ class MovingMesh(OneLine):
         return displacement
 
     def slide(self, displacement: np.ndarray) -> np.ndarray:
-        """Project displacements, shape (n_points, 3), onto what each point may do: zero on the surface and where fixed.
+        """Project displacements, shape (n_points, 3), onto allowed ones: zero on the surface and where fixed.
 
-        Points of periodic sides take the mean of both. The projection is orthogonal, hence its own transpose.
+        Points of periodic sides take the mean of both sides. The projection is orthogonal, hence its own transpose.
         """
         if self.frames is None:
             slid = displacement * self.is_free
@@ -273,11 +274,11 @@ class MovingMesh(OneLine):
         return slid if self.ties is None else self.ties.alike(slid)
 
     def slid(self, initial: np.ndarray, points: np.ndarray) -> SlidPoints | None:
-        """Where points that a move took somewhere slide to, both of shape (n_points, 3) (m); None where none do."""
+        """Points after a move and sliding, from points before and after it, (n_points, 3) (m); None if none slide."""
         return None if self.sliding_points is None else self.sliding_points.at(initial, points)
 
     def alike(self, displacement: np.ndarray) -> np.ndarray:
-        """Displacements of the surface, shape (n_surface, 3), with the mean of both where it ends on periodic sides.
+        """Displacements of the surface, shape (n_surface, 3), averaged over both periodic sides where it ends on them.
 
         The projection is orthogonal, hence its own transpose.
         """
@@ -304,7 +305,7 @@ class MovingMesh(OneLine):
         return self.place_of_point(self.surface_ids[row])
 
     def tangled(self, points: np.ndarray) -> Tangling:
-        """Find the elements that are valid on the baseline and not with these points, shape (n_points, 3)."""
+        """Find the elements that are valid on the baseline but not with these points, shape (n_points, 3)."""
         n_tangled, place, least, ratio, n_invalid = 0, "", np.inf, np.inf, 0
         for name, ids, degenerate_corners, baseline in zip(
             self.names, self.blocks, self._degenerate_corners, self._baseline_quality
@@ -323,7 +324,7 @@ class MovingMesh(OneLine):
         return Tangling(n_tangled, place, least, ratio, n_invalid)
 
     def _obstacle(self, ids: np.ndarray, element: tuple[Any, ...]) -> str:
-        """Say which of the `obstacles` an element of a block lies on; nothing where it lies on none."""
+        """The `obstacles` that an element of a block lies on, in words; empty if none."""
         corners = ids[tuple(slice(n, n + 2) for n in element)]
         nearby = [what for what, points in self.obstacles if np.isin(corners, points).any()]
         return f" on {nearby[0]}, which is fixed where the surface ends on it" if nearby else ""
@@ -342,19 +343,6 @@ class MovingMesh(OneLine):
 class ElementCorners(OneLine):
     """Smooth lower bound of the corner triple products of the elements that are valid on the baseline.
 
-    Parameters
-    ----------
-    elements : ndarray of int, shape (n_e, 8)
-        Corners of these elements.
-    handedness : ndarray, shape (n_e,)
-        Sign of the block of each on the baseline.
-    degenerate_corners : ndarray of uint8, shape (n_e,)
-        Corners with a collapsed edge on the baseline, as bits: they do not count.
-    n_points : int
-        Points of the mesh.
-    rule : KreisselmeierSteinhauser
-        How corners become one number.
-
     Examples
     --------
     >>> from bspline_mdao import fit_grid
@@ -366,16 +354,16 @@ class ElementCorners(OneLine):
     True
     """
 
-    elements: np.ndarray
-    handedness: np.ndarray
-    degenerate_corners: np.ndarray
-    n_points: int
-    rule: KreisselmeierSteinhauser
+    elements: np.ndarray  # int (n_e, 8), corners of these elements
+    handedness: np.ndarray  # (n_e,), sign of the block of each on the baseline
+    degenerate_corners: np.ndarray  # uint8 (n_e,), corners with a collapsed edge on the baseline, as bits: not counted
+    n_points: int  # points of the mesh
+    rule: KreisselmeierSteinhauser  # how corners become one number
 
     @classmethod
     def of(
         cls,
-        mesh: MovingMesh,  # the mesh; its points decide which elements are valid
+        mesh: MovingMesh,  # the mesh; its points determine which elements are valid
         rho: float,  # sharpness: the bound is below the smallest corner by at most ``ln(8 n_e) / rho``
     ) -> ElementCorners:
         """Take the elements of a mesh."""
@@ -388,7 +376,7 @@ class ElementCorners(OneLine):
         return self.rule.value(self.rule.part(self._triples(points)))
 
     def gradient(self, points: np.ndarray) -> np.ndarray:
-        """Derivative of the bound with respect to points (n_points, 3), of their shape."""
+        """Derivative of the bound with respect to points (n_points, 3), with their shape."""
         triples = self._triples(points)
         weights = self.rule.weights(triples, self.rule.value(self.rule.part(triples)))
         place = points[self.elements], self.handedness, self.degenerate_corners
@@ -412,7 +400,7 @@ def _place(what: str, index: Iterable[Any], name: str) -> str:
 
 
 def require_mesh(mesh: Any, what: str) -> MovingMesh:
-    """A control mesh that is ready to move."""
+    """The argument, if it is a control mesh that is ready to move."""
     if not isinstance(mesh, MovingMesh):
         raise InputError(f"{what}: the mesh is of type {type(mesh).__name__}; make it with moving_mesh(model)")
     return mesh

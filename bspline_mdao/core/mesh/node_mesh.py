@@ -1,8 +1,7 @@
-"""Nodes of walls of a fitted grid as the mesh that variables move, in the place of its control points.
+"""Nodes of walls of a fitted grid as the mesh that variables move, instead of its control points.
 
-Where a wing meets a body, control points are off both by what the splines need: a node that is to stay on the body has
-to be moved itself. The control points follow the nodes then (`bspline_mdao.core.fit.surface_fit`), and the grid meets
-them.
+Where a wing meets a body, control points do not lie on either: a node that is to stay on the body has to be moved
+itself. The control points then follow the nodes (`bspline_mdao.core.fit.surface_fit`), and the grid meets them.
 
 Theory: ``docs/theory/free_form.rst``.
 """
@@ -23,13 +22,8 @@ __all__ = ["node_mesh", "part_of_nodes"]
 
 
 def node_mesh(model: Model, surface: SurfaceGrid) -> MovingMesh:
-    """Nodes of a surface of a grid as the design surface of a mesh without elements.
-
-    Raises
-    ------
-    InputError
-        If the grid has periodic faces, whose nodes would have to move alike.
-    """
+    """Nodes of a surface of a grid as the design surface of a mesh without elements."""
+    # `InputError` if the grid has periodic faces, whose nodes would have to move alike
     if model.topology.periodic:
         raise InputError(f"{model.source}: nodes of periodic faces do not move alike one by one; take control points")
     planes = surface.on_planes(model)
@@ -49,7 +43,7 @@ def node_mesh(model: Model, surface: SurfaceGrid) -> MovingMesh:
 
 
 def part_of_nodes(mesh: MovingMesh, surface: SurfaceGrid, patches: str | Sequence[str]) -> MovingMesh:
-    """Return the same with some of its patches as the design surface."""
+    """The same mesh with some of its patches as the design surface."""
     faces = np.concatenate([surface.parts[number] for number in surface.part(patches)])
     ids = np.unique(faces).astype(np.int32)
     rows = np.full(mesh.n_points, -1)

@@ -1,8 +1,9 @@
 """Seams of a surface: edges at which two sides of volumes meet, with the derivatives of both there.
 
-On either side the derivative into the side and the one along the seam are linear in control points: those on the seam
-and those of the next line. With curved knots the knots along the seam vary into the side, which adds a term of the
-points on the seam. Theory: ``docs/theory/linear_constraints.rst``.
+On either side the derivative into the side and the derivative along the seam are linear in the control points on the
+seam and in the next line. With curved knots the knots along the seam vary into the side, which adds a term of the
+points
+on the seam. Theory: ``docs/theory/linear_constraints.rst``.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ __all__ = [
 ]
 
 IN_PLANE = 1e-6
-"""Distance from a plane of symmetry, relative to the mesh, up to which a point that stays in some plane is in it."""
+"""Distance from a plane of symmetry, relative to the mesh, up to which a point that stays in a plane is in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class SideEdge(OneLine):
 
     side: VolumeSide  # the side
     ids: np.ndarray  # (N_u, N_v) of int, numbers of its control points
-    # axis, end: the edge is where u (axis 0) or v (axis 1) has this parameter, 0 or 1
+    # axis, end: the edge is where u (axis 0) or v (axis 1) is 0 or 1
     axis: int
     end: int
     is_reversed: bool  # whether the seam runs against the other parameter
@@ -83,7 +84,8 @@ class SideEdge(OneLine):
     def weights(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Weights of control points in derivatives at places along the seam."""
         # Returns inner: (n, N), of the next line in the derivative into the side; own: (n, N), of the line on the seam
-        # in the same; tangent: (n, N), of the line on the seam in the derivative along it.
+        # in
+        # the same; tangent: (n, N), of the line on the seam in the derivative along it.
         into, along = self.side.axes[self.axis], self.side.axes[1 - self.axis]
         at = self.side.parameters(*self.uv(t))
         values = _dense(self.side.volume.knots[along], along, at)
@@ -105,13 +107,13 @@ def _dense(knots: Knots, direction: int, parameters: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Seam(OneLine):
-    """Two edges of sides that are one."""
+    """Two coincident edges of sides."""
 
-    # first, second: the edge as that of either side; both run the same way
+    # first, second: the edge as an edge of either side; both run the same way
     first: SideEdge
     second: SideEdge
-    # (3,), unit normal of the plane of symmetry that the edge lies in, where the second side is the mirror image of the
-    # first one
+    # (3,), unit normal of the plane of symmetry that contains the edge, if the second side is the mirror image of the
+    # first
     mirror: np.ndarray | None = None
 
 
@@ -125,17 +127,17 @@ class Pole(OneLine):
 
 
 def find_seams(
-    # of int, sides, and the numbers of their control points, shape (N_u, N_v)
+    # sides, and the numbers of their control points, int (N_u, N_v)
     sides: Iterable[tuple[VolumeSide, np.ndarray]],
-) -> list[Seam]:  # those that have not collapsed to a point
+) -> list[Seam]:  # seams that have not collapsed to a point
     """Find the edges that two sides share, by the numbers of their control points."""
     pairs = (edges for edges in _shared_edges(sides) if len(edges) == 2)
     return [Seam(first, second) for first, second in pairs]
 
 
 def find_mirror_seams(
-    sides: Iterable[tuple[VolumeSide, np.ndarray]],  # of int, as for `find_seams`
-    # of int, unit normal and offset (m) of each plane, and the control points in it
+    sides: Iterable[tuple[VolumeSide, np.ndarray]],  # as for `find_seams`
+    # unit normal and offset (m) of each plane, and the control points in it, of int
     planes: Iterable[tuple[np.ndarray, float, np.ndarray]],
 ) -> list[Seam]:
     """Find the edges of sides that lie in planes of symmetry, each with the mirror image of its side."""
@@ -150,7 +152,7 @@ def find_mirror_seams(
 
 
 def _mirrored(edge: SideEdge, normal: np.ndarray, offset: float) -> SideEdge:
-    """Image of an edge and its side beyond a plane, whose u and v change places: u x v stays on the same side."""
+    """Mirror image of an edge and its side, with u and v exchanged: u x v stays on the same side."""
     side = edge.side
     net = side.net - 2.0 * (side.net @ normal - offset)[..., None] * normal
     image = replace(side, net=net, axes=side.axes[::-1])
@@ -158,7 +160,7 @@ def _mirrored(edge: SideEdge, normal: np.ndarray, offset: float) -> SideEdge:
 
 
 def _shared_edges(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> Iterable[list[SideEdge]]:
-    """Edges of sides that have not collapsed to a point, those with the same control points together."""
+    """Edges of sides that have not collapsed to a point, grouped by their control points."""
     found: dict[tuple, list[SideEdge]] = defaultdict(list)
     for edge in _edges(sides):
         line = edge.line(0).tolist()
@@ -168,7 +170,7 @@ def _shared_edges(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> Iterable[li
 
 
 def find_poles(
-    sides: Iterable[tuple[VolumeSide, np.ndarray]],  # of int, as for `find_seams`
+    sides: Iterable[tuple[VolumeSide, np.ndarray]],  # as for `find_seams`
 ) -> list[Pole]:
     """Find the points to which edges of sides have collapsed."""
     found: dict[int, list[SideEdge]] = defaultdict(list)
@@ -182,7 +184,7 @@ def find_poles(
 
 
 def _edges(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> Iterator[SideEdge]:
-    """All edges of sides, those that are one run the same way."""
+    """All edges of sides; coincident ones run the same way."""
     for number, (side, ids) in enumerate(sides):
         for axis in (0, 1):
             for end in (0, 1):
@@ -197,12 +199,12 @@ def poles_of_mesh(mesh: MovingMesh) -> list[Pole]:
 
 def seams_of_mesh(mesh: MovingMesh) -> list[Seam]:
     """Find the seams of the design surface of a mesh; points are numbered by rows of ``mesh.surface_ids``."""
-    # A mesh without splines counts as one of order 2, whose sides are the quads between its points.
+    # A mesh without splines counts as a mesh of order 2 whose sides are the quads between its points.
     return find_seams(_sides(mesh))
 
 
 def mirror_seams_of_mesh(mesh: MovingMesh) -> list[Seam]:
-    """Find the edges of the design surface of a mesh in planes that it has to stay in, as `find_mirror_seams` does."""
+    """Find the edges of a mesh's design surface in planes that it has to stay in, as `find_mirror_seams` does."""
     rows, places = np.unique(mesh.in_plane_rows), mesh.points[mesh.surface_ids]
     planes = []
     for plane in mesh_planes(mesh):
@@ -212,7 +214,7 @@ def mirror_seams_of_mesh(mesh: MovingMesh) -> list[Seam]:
 
 
 def _sides(mesh: MovingMesh) -> Iterator[tuple[VolumeSide, np.ndarray]]:
-    """Sides of blocks on the surface; neither those between two blocks nor those without extent."""
+    """Sides of blocks on the surface, without sides between two blocks and sides without extent."""
     found = defaultdict(list)
     for number, ids in enumerate(mesh.blocks):
         for side in range(6):

@@ -1,9 +1,10 @@
-"""Points of a grid that moves without splines and slides on fixed surfaces: what a move takes off goes back.
+"""Points of a grid that moves without splines: after a move they return to the fixed surfaces that they slide on.
 
     p <- p + E (q(p_s; p0_s) - p_s)     p_s: points that slide, p0: all before the move
 
-E is zero at the other points of the design surface, which stay where they are given. Points of periodic sides that are
-tied take the mean of both.
+E is zero at the other points of the design surface, which stay at their given places. Points of tied periodic sides
+take
+the mean of both sides.
 
 Theory: ``docs/theory/sliding.rst``.
 """
@@ -28,11 +29,11 @@ __all__ = ["SlidPoints", "SlidingPoints"]
 
 @dataclass(frozen=True, eq=False)
 class SlidingPoints(OneLine):
-    """Takes points back to the surfaces that they slide on, and others along."""
+    """Map that takes points back to the surfaces that they slide on, and others along."""
 
-    on_nodes: SlidingCorrection  # the same of all nodes of the grid, those that blocks share as often as they do
+    on_nodes: SlidingCorrection  # the same for all nodes of the grid, shared ones once per block
     point_ids: np.ndarray  # int (n_nodes,), the point of each node
-    originals: np.ndarray  # int (n_points,), of each point the node that the others of it are copies of
+    originals: np.ndarray  # int (n_points,), the node of each point that its other nodes are copies of
     ties: Ties | None  # points of periodic sides
 
     @classmethod
@@ -45,7 +46,7 @@ class SlidingPoints(OneLine):
         slides: Sequence[Slide],
         ties: Ties | None,
     ) -> SlidingPoints:
-        """Find the nodes, and what fades from them."""
+        """Find the nodes, and the correction that fades from them."""
         copies = node_copies(topology)
         rows = np.setdiff1d(np.arange(len(nodes)), copies[:, 0])
         originals = np.empty(point_ids.max() + 1, dtype=int)
@@ -56,7 +57,7 @@ class SlidingPoints(OneLine):
         return cls(correction, point_ids, originals, ties)
 
     def at(self, initial: np.ndarray, points: np.ndarray) -> SlidPoints:
-        """Take points there from those before the move, both of shape (n_points, 3) (m)."""
+        """Take points to the surfaces, given those before the move, both of shape (n_points, 3) (m)."""
         nodes = points[self.point_ids]
         slid = self.on_nodes.apply(nodes, initial[self.point_ids])
         found = nodes[self.originals]
@@ -65,14 +66,14 @@ class SlidingPoints(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class SlidPoints(OneLine):
-    """Where points slid to, and its derivative."""
+    """Positions of points after sliding, with derivatives."""
 
     of: SlidingPoints
     points: np.ndarray  # (n_points, 3), in metres
     slid: SlidNodes
 
     def jvp(self, d_initial: np.ndarray, d_points: np.ndarray) -> np.ndarray:
-        """Change of the points with those before the move, and with those after it, each of shape (n_points, 3)."""
+        """Change of the points with changes before and after the move, each of shape (n_points, 3)."""
         of = self.of
         change = d_points[of.point_ids]
         of.on_nodes.jvp(self.slid, change, d_initial[of.point_ids])

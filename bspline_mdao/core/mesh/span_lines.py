@@ -1,6 +1,6 @@
 """Lines of surface points along the span of a section: one for each point of its curve.
 
-A grid about a section lies between two planes of symmetry, and its surface is the same in all planes parallel to these.
+A grid about a section lies between two planes of symmetry, and its surface is the same in all parallel planes.
 Theory: ``docs/theory/parametrization.rst``, "Sections as one curve".
 """
 
@@ -16,7 +16,7 @@ __all__ = ["span_lines"]
 
 _ALIKE = 1e-6
 """Distance across the span, relative to the size of the surface, up to which points are at one place of the curve:
-planes of one section from a file of single precision are that alike."""
+planes of one section from a single-precision file agree this well."""
 
 
 def span_lines(
@@ -25,7 +25,7 @@ def span_lines(
     in_plane_rows: np.ndarray,  # int (m,), points in planes of symmetry, and the unit normal of the plane of each
     in_plane_normals: np.ndarray,  # (m, 3)
 ) -> np.ndarray | None:
-    """Rows of points, shape (n_lines, n_planes), from plane to plane; None where the surface is no section."""
+    """Rows of points, shape (n_lines, n_planes), from plane to plane; None if the surface is not a section."""
     # One half of a symmetric section ends on its plane of symmetry as well: any of the normals may be along the span.
     while len(in_plane_rows):
         is_parallel = np.abs(in_plane_normals @ in_plane_normals[0]) > 1.0 - _ALIKE
@@ -37,9 +37,9 @@ def span_lines(
 
 
 def _lines_along(points: np.ndarray, edges: np.ndarray, span: np.ndarray, in_planes: np.ndarray) -> np.ndarray | None:
-    """Lines along one normal, between planes of symmetry that hold some of the points."""
+    """Lines along one normal, between planes of symmetry that contain some of the points."""
     # 1. Edges along the span join the points of a line.
-    # 2. Every line has as many points, its ends are in the planes, and all its points are at one place of the curve.
+    # 2. All lines have equally many points, their ends are in the planes, and each is at one place of the curve.
     near, places = _ALIKE * np.linalg.norm(np.ptp(points, axis=0)), points @ span
     flat = points - places[:, None] * span
     first, second = edges.T

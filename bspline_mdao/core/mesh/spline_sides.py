@@ -1,4 +1,4 @@
-"""The sides of volumes that a surface is made of: each a B-spline surface, with the numbers of its control points.
+"""The sides of volumes that make up a surface: each a B-spline surface, with the numbers of its control points.
 
 Theory: ``docs/theory/cad.rst``.
 """
@@ -24,7 +24,7 @@ __all__ = ["SplineSide", "spline_sides"]
 class SplineSide(OneLine):
     """A side of a volume on the boundary, with u x v into the fluid."""
 
-    name: str  # for messages: the block, the side of it and the patch
+    name: str  # for messages: the block, its side and the patch
     patch: str  # the patch
     surface: VolumeSide  # the surface
     ids: np.ndarray  # (N_u, N_v) of int, numbers of its control points
@@ -36,7 +36,7 @@ def spline_sides(
     control_points: np.ndarray | None = None,
     patches: str | Sequence[str] | None = None,  # patches by name or pattern (``"wing*"``); all walls by default
 ) -> list[SplineSide]:
-    """Take the sides of a model's volumes that are on some patches; those that have collapsed to lines are left out."""
+    """Sides of a model's volumes that are on some patches, without those that have collapsed to lines."""
     topology, points = model.topology, model.control_points if control_points is None else control_points
     wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
     found = []

@@ -28,7 +28,7 @@ from .span_lines import span_lines
 __all__ = ["SurfaceGrid", "surface_of"]
 
 ON_PLANE = 1e-6
-"""Distance, by the size of the surface, up to which a node lies in a plane of symmetry: fits place it no better."""
+"""Distance, relative to the size of the surface, up to which a node lies in a plane of symmetry, a fit's error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +43,15 @@ class SurfaceGrid(OneLine):
         Row of each node in the grid vector.
     faces : tuple of ndarray of int, each of shape (ni, nj)
         Numbers of the nodes of every structured face, such that direction i x direction j points into the fluid. None
-        where there is no structure.
+        if
+        there is no structure.
     names, patches : tuple of str
-        Name of every face for messages, and the patch that it belongs to.
+        Name of every face, for messages, and its patch.
     planes : tuple of Plane
         Planes of symmetry of the grid.
     cells : tuple of ndarray of int, each of shape (n_quads, 4)
         Numbers of the nodes around each face of a patch without structure, around the normal into the fluid; triangles
-        have their last corner twice. One array for each of ``names``, in the place of ``faces``.
+        have their last corner twice. One array for each of ``names``, instead of ``faces``.
 
     Examples
     --------
@@ -77,7 +78,7 @@ class SurfaceGrid(OneLine):
         Parameters
         ----------
         model : FittedModel, LocalModel or MeshModel
-            The fitted grid, or what one of several processes needs of it; or a mesh, whose markers are patches.
+            The fitted grid, or the part that one of several processes needs; or a mesh, whose markers are patches.
         patches : str or sequence of str, optional
             Patches by name or pattern (``"wing*"``); all walls by default.
 
@@ -112,7 +113,7 @@ class SurfaceGrid(OneLine):
         Raises
         ------
         InputError
-            As `of`.
+            As for `of`.
         """
         return cls._of_faces(topology, nodes, _faces_of(topology, patches))
 
@@ -131,12 +132,12 @@ class SurfaceGrid(OneLine):
         return len(self.points)
 
     def on_planes(self, model: Movable) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Find its nodes on planes of symmetry of its model.
+        """Nodes of the surface on planes of symmetry of its model.
 
         Returns
         -------
         list of (ndarray of int, ndarray of shape (3,))
-            For each face of symmetry that holds some: their numbers, and the unit normal of the plane.
+            For each face of symmetry with such nodes: their numbers, and the unit normal of the plane.
         """
         found = [(np.flatnonzero(np.isin(self.rows, rows)), normal) for rows, normal in model.nodes_on_planes()]
         return [(numbers, normal) for numbers, normal in found if len(numbers)]
@@ -163,17 +164,17 @@ class SurfaceGrid(OneLine):
 
     @property
     def has_triangles(self) -> bool:
-        """Whether some of its faces are triangles, through which no grid lines go."""
+        """Whether some of its faces are triangles, through which no grid lines run."""
         return any((part == np.roll(part, 1, axis=1)).any() for part in self.cells)
 
     @property
     def is_section(self) -> bool:
-        """Whether it is a section: between two planes of symmetry, and the same all along the span."""
+        """Whether it is a section: between two planes of symmetry, and constant along the span."""
         return self.section_span is not None
 
     @cached_property
     def section_span(self) -> float | None:
-        """Distance of the two planes of symmetry of a section (m); None where it is none."""
+        """Distance of the two planes of symmetry of a section (m); None if it is not a section."""
         ids, number = np.unique(self.quads, return_inverse=True)
         points, edges = self.points[ids], edges_of(number.reshape(-1, 4))
         near = [np.abs(points @ plane.normal - plane.offset) <= ON_PLANE * self.size for plane in self.planes]
@@ -185,7 +186,7 @@ class SurfaceGrid(OneLine):
         return None if lines is None else float(np.linalg.norm(points[lines[0, -1]] - points[lines[0, 0]]))
 
     def only(self, numbers: Sequence[int]) -> SurfaceGrid:
-        """Return the surface with some of its faces, and all of its nodes."""
+        """The surface with some of its faces, and all of its nodes."""
 
         def chosen(values: tuple[Any, ...]) -> tuple[Any, ...]:
             return tuple(values[number] for number in numbers) if values else ()
@@ -221,7 +222,7 @@ def _of_blocks(model: Model, patches: str | Sequence[str] | None = None) -> Surf
 
 
 def _faces_of(topology: Topology, patches: str | Sequence[str] | None) -> list[BoundaryFace]:
-    """Boundary faces of some patches, of all walls by default."""
+    """Boundary faces of some patches, by default all walls."""
     wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
     found = [face for face in topology.boundary if face.patch in wanted]
     if not found:
@@ -230,7 +231,7 @@ def _faces_of(topology: Topology, patches: str | Sequence[str] | None) -> list[B
 
 
 def _nodes_at_faces(model: Model, faces: Sequence[BoundaryFace]) -> NodesByRow:
-    """Nodes on some faces on the baseline, in the layer next to them, and those that these are copies of."""
+    """Nodes of some faces on the baseline, of the layer next to them, and nodes that these are copies of."""
     layers = [rows.ravel() for face in faces for rows in face_layer_rows(model.topology, face.window)]
     rows = np.unique(np.concatenate(layers))
     rows = np.union1d(rows, source_rows(node_copies(model.topology), rows))

@@ -1,4 +1,4 @@
-"""From surface control points to surface nodes: a constant sparse matrix, and the residual of the fit turned.
+"""The map from surface control points to surface nodes: a constant sparse matrix, and the turned residual of the fit.
 
 Theory: ``docs/theory/geometry.rst``.
 """
@@ -33,13 +33,13 @@ __all__ = ["SurfaceMap", "SurfaceState", "surface_map_of"]
 class SurfaceMap(OneLine):
     """Nodes of a surface from the control points of the design surface, ``x = A s + c + T(s) r``."""
 
-    # They are those of the whole map from control points to the grid, `bspline_mdao.core.walls.grid_map`: nodes on
+    # These are the nodes of the whole map from control points to the grid, `bspline_mdao.core.walls.grid_map`: nodes on
     # walls are where the residual, turned with the wall alone, puts them.
 
     matrix: csr_array  # (n, n_surface), A, the basis values at the nodes
-    # (n, 3), c (m): what control points that are fixed contribute, and the residual of the fit where it does not turn
+    # (n, 3), c (m): the contribution of fixed control points, and the residual of the fit if it does not turn
     constant: np.ndarray
-    turned: _TurnedRows | None  # the residual, where the model has one and lets it turn
+    turned: _TurnedRows | None  # the residual, if the model has one and lets it turn
 
     @classmethod
     def of(cls, model: Movable, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
@@ -60,10 +60,11 @@ class SurfaceMap(OneLine):
         model: Model,  # the fitted grid, or what one of several processes needs of it
         # (n_surface,) of int, numbers of the surface control points; all others count as fixed
         surface_ids: np.ndarray,
-        # (n,) of int, rows of the nodes in the grid vector, ascending; of nodes that are one, the first
+        # (n,) of int, rows of the nodes in the grid vector, ascending; of coincident nodes, the first
         rows: np.ndarray,
-        # called with each matrix that the nodes depend on control points by (that of the nodes, and that of the corners
-        # of spans that their residual turns with) and with whether it is the second; may refuse it
+        # called with each matrix by which the nodes depend on control points (the matrix of the nodes, and the matrix
+        # of the
+        # corners of spans that their residual turns with) and with whether it is the second; may refuse it
         require: Callable | None = None,
     ) -> SurfaceMap:
         """Take some rows out of the evaluation of the grid."""
@@ -122,7 +123,7 @@ def _of_blocks(model: Model, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceM
 class SurfaceState:
     """Nodes of a surface, and their derivative."""
 
-    of: SurfaceMap  # what gave them
+    of: SurfaceMap  # the map that gave them
     nodes: np.ndarray  # (n, 3), the nodes (m)
     rotation: RotationState | None  # rotations of the residual
 
@@ -132,7 +133,7 @@ class SurfaceState:
         return (SURFACE_CONTROL_POINTS,)
 
     def jvp(self, surface_control_points: np.ndarray | None = None) -> np.ndarray:
-        """Change of the nodes, shape (n, 3), with that of the control points, shape (n_surface, 3)."""
+        """Change of the nodes, shape (n, 3), with a change of the control points, shape (n_surface, 3)."""
         if surface_control_points is None:
             return np.zeros_like(self.nodes)
         found, turned = self.of.matrix @ surface_control_points, self.of.turned
@@ -156,7 +157,7 @@ class _TurnedRows:
     rows: FaceNodes  # the nodes
     residual: np.ndarray  # (n, 3), their residual (m)
     surface_ids: np.ndarray  # (n_surface,) of int, control points on the design surface
-    # (n_control_points, 3), all on the baseline (m). Those that slide in planes do not matter: the planes stay.
+    # (n_control_points, 3), all on the baseline (m); points that slide in planes do not matter, as the planes stay
     control_points: np.ndarray
 
     def at(self, control_points: np.ndarray) -> RotationState:
@@ -181,7 +182,7 @@ class _TurnedRows:
 
 
 def _require_fixed(mesh: MovingMesh, surface: SurfaceGrid, matrix: csr_array, turned: bool) -> None:
-    """Refuse nodes, or corners of spans that their residual turns with, that depend on points that a mover moves."""
+    """Refuse nodes, or corners that their residual turns with, that depend on points that a mover moves."""
     is_fixed = mesh.is_free.sum(axis=1) == 0
     nodes, points = matrix.nonzero()
     is_moving = ~is_fixed[points]
