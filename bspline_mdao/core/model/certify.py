@@ -20,18 +20,20 @@ __all__ = ["certify", "require_valid_splines"]
 
 
 def certify(what: Grid | FittedModel, control_points: np.ndarray | None = None) -> Certificate:
-    """Prove which blocks of a grid are valid: whose maps have a positive Jacobian everywhere.
+    """Prove which blocks of a grid are valid: their maps have a positive Jacobian everywhere.
 
-    Of a grid these are the trilinear maps of its cells; of a fitted model, the cells of its grid and the spline maps of
-    its elements, the regions between knots. Lower bounds are Bernstein coefficients, their rounding errors included:
-    what counts as valid is.
+    For a grid these are the trilinear maps of its cells. For a fitted model they are the maps of its grid's cells and
+    the
+    spline maps of its elements, the regions between knots. Lower bounds are Bernstein coefficients with their rounding
+    errors included, so whatever is reported valid is valid.
 
     Parameters
     ----------
     what : Grid or FittedModel
-        What to look at.
+        The grid or model to examine.
     control_points : ndarray, shape (n_control_points, 3), optional
-        Moved control points of a model (m); its own by default. Its own decide about handedness and collapsed edges.
+        Moved control points of a model (m); its own by default. The model's own decide about handedness and collapsed
+        edges.
 
     Returns
     -------
@@ -41,7 +43,7 @@ def certify(what: Grid | FittedModel, control_points: np.ndarray | None = None) 
     Raises
     ------
     InputError
-        If it is neither, or control points come with a grid, or are of another shape.
+        If ``what`` is neither, or control points are given with a grid, or have the wrong shape.
 
     Examples
     --------
@@ -71,7 +73,7 @@ def require_valid_splines(
     model: Movable,  # the model
     control_points: np.ndarray,  # (n_control_points, 3), its control points after a move (m)
 ) -> None:
-    """Refuse moved control points with which more elements of the splines are proved invalid."""
+    """Refuse moved control points that make more elements of the splines provably invalid."""
     names, (mesh, moved) = model.spline_names, model.splines_at(control_points)
     baseline = model.splines_at(model.control_points)[1]
     after = certify_splines(mesh, moved, names, baseline)

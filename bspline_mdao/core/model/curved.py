@@ -1,7 +1,7 @@
 """Grids of curved hexahedra from a fitted model.
 
-Corners of the elements are the nodes of a member of the grid's family, and the nodes inside of edges, faces and
-elements those of a member of that member, so that they follow its stretching. Theory: ``docs/theory/high_order.rst``.
+Corners of the elements are the nodes of a member of the grid's family. The nodes inside edges, faces and elements are
+taken from a member of that member, so they follow its stretching. Theory: ``docs/theory/high_order.rst``.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from .fitted_model import FittedModel
 __all__ = ["DEGREES", "curved_grid"]
 
 DEGREES = range(1, 5)
-"""Degrees of elements that the file formats have."""
+"""Degrees of elements that the file formats support."""
 
 UNNAMED = "boundary"
-"""Name of what no patch covers."""
+"""Name of boundary faces that no patch covers."""
 
 
 def curved_grid(
@@ -45,12 +45,12 @@ def curved_grid(
     Returns
     -------
     CurvedGrid
-        Shared nodes are one, also across blocks and where edges have collapsed.
+        Shared nodes occur once, also across blocks and where edges have collapsed.
 
     Raises
     ------
     InputError
-        If degree or factor cannot be used, the grid is flat or has blanked nodes, or an element is no solid.
+        If degree or factor cannot be used, the grid is flat or has blanked nodes, or an element has no volume.
 
     Examples
     --------
@@ -121,7 +121,7 @@ def _places(block: int, shape: tuple[int, ...], degree: int) -> np.ndarray:
 def _patches(
     topology: Topology, whole: Sequence[np.ndarray], is_left: Sequence[bool], degree: int
 ) -> tuple[CurvedPatch, ...]:
-    """Boundary faces by the names of their patches, in order of appearance; those that are a line or point are none."""
+    """Boundary faces by the names of their patches, in order of appearance, without collapsed ones."""
     kinds: dict[str, str] = {}
     faces: dict[str, list[np.ndarray]] = {}
     for face in topology.boundary:

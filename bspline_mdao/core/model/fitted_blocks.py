@@ -1,7 +1,7 @@
-"""The blocks of a fitted grid that one of several processes holds: what a fit on several processes gives.
+"""The blocks of a fitted grid on one of several processes: the result of a parallel fit.
 
-Topology, control mesh and control points are those of the whole model; of its nodes each process holds the parameters
-and the residual of whole blocks. From there the model is saved, and each process gets the part that it evaluates.
+Topology, control mesh and control points are the whole model's; of its nodes each process holds the parameters and the
+residual of whole blocks. From there the model is saved, and each process gets the part that it evaluates.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -30,15 +30,15 @@ __all__ = ["FittedBlocks"]
 
 @dataclass(frozen=True, eq=False)
 class FittedBlocks(OneLine):
-    """A fitted grid of which each process holds some blocks. Made by `bspline_mdao.splines.fit_blocks`."""
+    """A fitted grid distributed over processes by blocks. Made by `bspline_mdao.splines.fit_blocks`."""
 
     comm: Any  # the processes
-    # topology, mesh, control_points, report, settings, candidate_weights: those of the whole model, see
+    # topology, mesh, control_points, report, settings, candidate_weights: of the whole model, see
     # `bspline_mdao.core.model.fitted_model.FittedModel`
     topology: Topology
     mesh: BSplineMesh
     control_points: np.ndarray
-    header: GridHeader  # that of the whole model, but for the blanking, which is that of the blocks here
+    header: GridHeader  # as of the whole model, except that blanking is only of the blocks here
     report: FitReport
     settings: FitSettings
     candidate_weights: np.ndarray | None
@@ -63,7 +63,7 @@ class FittedBlocks(OneLine):
         self,
         subdomain: Subdomain | None = None,  # nodes of this process; by default those that `Partition.of` gives it
     ) -> LocalModel:
-        """Get what this process evaluates from those that hold it; all processes call this."""
+        """Collect the part that this process evaluates from its holders; all processes call this."""
         topology = self.topology
         if subdomain is None:
             subdomain = Partition.of(topology, self.comm.size).subdomain(self.comm.rank)
@@ -133,5 +133,5 @@ class FittedBlocks(OneLine):
 
 
 def _exchanged(comm: Any, parts: list) -> list:
-    """Parts that every process has for this one, of those that each has for all."""
+    """All-to-all exchange: the parts that every process has for this one."""
     return parts if comm.size == 1 else comm.alltoall(parts)

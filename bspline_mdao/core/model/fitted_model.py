@@ -46,7 +46,7 @@ class FittedModel(Plottable, Model):
     Parameters
     ----------
     topology : Topology
-        Blocks, segments and their connections, found once and kept through every change of shape.
+        Blocks, segments and their connections, found once and unchanged by every change of shape.
     mesh : BSplineMesh
         One volume per segment.
     parameters : tuple of ndarray, each of shape (L0, L1, L2, 3)
@@ -54,16 +54,16 @@ class FittedModel(Plottable, Model):
     control_points : ndarray, shape (n_control_points, 3)
         Fitted control points (m).
     residual : ndarray, shape (n_nodes, 3), or None
-        Baseline grid minus fitted points (m), where it is kept.
+        Baseline grid minus fitted points (m), if it is kept.
     header : GridHeader
         Names, patches, source and dialect of the grid.
     report : FitReport
         How good the fit is.
     settings : FitSettings
-        How it was made.
+        Settings of the fit.
     candidate_weights : ndarray, shape (n_control_points, 6), or None
         Weight of each of `bspline_mdao.core.model.records.CANDIDATES` in each control point, found once and kept; None
-        where all are least squares.
+        if all are least squares.
 
     Examples
     --------
@@ -105,7 +105,7 @@ class FittedModel(Plottable, Model):
 
     @property
     def ownership(self) -> None:
-        """None: the model is of all nodes of the grid."""
+        """None: the model has all nodes of the grid."""
 
     @property
     def baseline(self) -> Grid:
@@ -113,15 +113,13 @@ class FittedModel(Plottable, Model):
         return self.regenerate()
 
     def part(self, subdomain: Subdomain) -> LocalModel:
-        """Take what one of several processes needs of the model, see `local_model`."""
+        """Part of the model that one of several processes needs, see `local_model`."""
         return self.local_model(subdomain)
 
     @cached_property
     def residual_lengths(self) -> np.ndarray | None:
-        """How long the residual is around every corner of the spans (m), shape (n_corners,); None if it does not turn.
-
-        See `bspline_mdao.core.walls.residual_lengths`.
-        """
+        """Length of the residual around every corner of the spans (m), shape (n_corners,); None if it does not turn."""
+        # see `bspline_mdao.core.walls.residual_lengths`
         if self.residual is None or not self.settings.wall_layer:
             return None
         residuals = dict(enumerate(self.residual[part] for part in self.topology.layout.slices))
@@ -150,7 +148,7 @@ class FittedModel(Plottable, Model):
         return [x.reshape(-1, 3)[places] for x, places in zip(self.parameters, numbering.places)]
 
     def residual_at(self, rows: np.ndarray) -> np.ndarray | None:
-        """Residual of nodes by their rows, shape (n, 3); None where there is none."""
+        """Residual of nodes by their rows, shape (n, 3); None if the model has none."""
         return None if self.residual is None else self.residual[rows]
 
     def local_nodes(self, control_points: np.ndarray | None = None) -> np.ndarray:
@@ -158,23 +156,23 @@ class FittedModel(Plottable, Model):
         return self.regenerate(control_points).to_vector().reshape(-1, 3)
 
     def corrected_map(self, rows: np.ndarray, whole: Model) -> tuple[GridMap, WallCorrection]:
-        """Map to the grid for walls that are met exactly, and their correction; the model is itself the whole one."""
+        """Map to the grid for walls that are met exactly, and their correction; the model itself is the whole one."""
         grid_map = self.grid_map()
         return grid_map, WallCorrection.of(self.topology, grid_map.nodes, rows)
 
     def local_model(self, subdomain: Subdomain) -> LocalModel:
-        """Take what one of several processes needs of the model.
+        """Part of the model that one of several processes needs.
 
         Parameters
         ----------
         subdomain : Subdomain
-            Nodes of the process, by ``Partition.of(model.topology, n_ranks).subdomain(rank)`` or
+            Nodes of the process, from ``Partition.of(model.topology, n_ranks).subdomain(rank)`` or
             ``Subdomain.of_rows(...)``.
 
         Raises
         ------
         InputError
-            If the subdomain is that of another grid.
+            If the subdomain belongs to another grid.
         """
         names = ("mesh", "control_points", "header", "report", "settings", "candidate_weights", "residual_lengths")
         others = {name: getattr(self, name) for name in names}
@@ -188,27 +186,27 @@ class FittedModel(Plottable, Model):
         return {name: value for name, value in self.__dict__.items() if name not in ("_evaluator", "_grid_map")}
 
     def regenerate(self, control_points: np.ndarray | None = None, slides: Sequence[Slide] = ()) -> Grid:
-        """Grid of given control points, see `bspline_mdao.core.walls.grid_map`.
+        """Grid from control points, see `bspline_mdao.core.walls.grid_map`.
 
         Parameters
         ----------
         control_points : ndarray, shape (n_control_points, 3), optional
             Moved control points (m); the fitted ones by default.
         slides : sequence of Slide
-            Patches that slide on surfaces which are not planes, ``mesh.slides`` of the mesh that moved: their nodes
-            stay on these.
+            Patches that slide on non-planar surfaces, ``mesh.slides`` of the mesh that moved: their nodes stay on these
+            surfaces.
 
         Returns
         -------
         Grid
-            Nodes in metres; names, patches and dialect are those of the fitted grid.
+            Nodes in metres; names, patches and dialect as in the fitted grid.
 
         Raises
         ------
         InputError
-            If the control points are of another shape, or not finite.
+            If the control points have the wrong shape or are not finite.
         MovementError
-            If the surroundings of a point are turned inside out.
+            If the neighbourhood of a point is turned inside out.
         """
         if control_points is not None:
             what = f"{self.header.source}: control points"
@@ -218,7 +216,7 @@ class FittedModel(Plottable, Model):
         return self.header.grid(self.topology.shapes, nodes if self.residual is None else nodes + self.residual)
 
     def wall_spacing(self) -> float:
-        """Find the median height of the cells at the walls of the grid (m); `InputError` where there is no wall."""
+        """Median height of the cells at the walls of the grid (m); `InputError` if there is no wall."""
         blocks, heights = self.regenerate().blocks, []
         for window in (face.window for face in self.topology.boundary if face.kind == "wall"):
             flat, part = window.shape.index(1), list(window.slices)
@@ -232,7 +230,7 @@ class FittedModel(Plottable, Model):
         return float(np.median(np.concatenate(heights)))
 
     def embed_points(self, points: np.ndarray, tolerance: float | None = None) -> EmbeddedPoints:
-        """Find what moves points that were not fitted: volumes, near walls the layer, and inside a body its walls.
+        """Embed points that were not fitted: volumes move them, the layer near walls, and inside a body its walls.
 
         Parameters
         ----------
@@ -258,22 +256,25 @@ class FittedModel(Plottable, Model):
     def member(self, factor: float, slides: Sequence[Slide] = ()) -> FittedModel:
         """Model of a finer or coarser member of the grid family, section II.E, with the same control points.
 
-        What the splines miss of the grid, the residual of the fit, is interpolated in the index where it is kept, so
-        that a member of twice the cells has the nodes of the grid. The layer at walls is that of its own nodes.
+        The residual of the fit, the part of the grid that the splines miss, is interpolated in the index if it is kept,
+        so
+        a member of twice the cells contains the nodes of the grid. The layer at walls is made for the member's own
+        nodes.
 
         Parameters
         ----------
         factor : float
-            Cells per direction of the member, divided by those of the grid.
+            Cells per direction of the member divided by cells per direction of the grid.
         slides : sequence of Slide
-            Patches that slide on surfaces which are not planes, ``mesh.slides`` of a mesh of this model: nodes of the
-            member are on these as well as those of the grid are, where the model keeps what the splines miss. The
-            member takes them as this model does.
+            Patches that slide on non-planar surfaces, ``mesh.slides`` of a mesh of this model. If the model keeps its
+            residual, nodes of the member are on these surfaces as well as the grid's nodes are. The member takes the
+            same
+            slides as this model.
 
         Returns
         -------
         FittedModel
-            Patches and blanking are scaled; the report is that of the fitted grid.
+            Patches and blanking are scaled; the report is the fitted grid's.
 
         Raises
         ------
@@ -284,7 +285,7 @@ class FittedModel(Plottable, Model):
         residual = self.residual
         if residual is not None:
             prolonged = NodeTransfer.of(self.topology, member.topology).prolong(residual)
-            residual = prolonged[node_sharing(member.topology).source_rows()]  # blocks round what they share alike
+            residual = prolonged[node_sharing(member.topology).source_rows()]  # blocks round shared nodes alike
         header = _scaled_header(self.header, IndexScaling.of(self.topology, factor))
         parameters = member.parameters
         finer = replace(self, topology=member.topology, parameters=parameters, residual=residual, header=header)
@@ -307,7 +308,7 @@ class FittedModel(Plottable, Model):
 
     @classmethod
     def _with_lengths(cls, residual_lengths: np.ndarray | None, **fields_of_model: Any) -> FittedModel:
-        """Model whose `residual_lengths` are known, which spares a tenth of the time in which its map is made."""
+        """Model with known `residual_lengths`, which saves a tenth of the time to make its map."""
         model = cls(**fields_of_model)
         if residual_lengths is not None:
             model.__dict__["residual_lengths"] = residual_lengths
@@ -322,12 +323,12 @@ class FittedModel(Plottable, Model):
 
     @property
     def file(self) -> Path | None:
-        """File that the model was saved to or loaded from last; None where it was neither."""
+        """File that the model was last saved to or loaded from; None if neither."""
         return self.__dict__.get("_file")
 
     @cached_property
     def checksum(self) -> str:
-        """Checksum of all that the model is, which its file has as an attribute: by it case files know their model."""
+        """Checksum of the whole model, an attribute of its file: case files identify their model by it."""
         values = self._fields()
         return checksum_of(document_of(**values), arrays_of(**values))
 
@@ -335,19 +336,19 @@ class FittedModel(Plottable, Model):
 def family_member(
     model: FittedModel, factor: float, control_points: np.ndarray | None = None, slides: Sequence[Slide] = ()
 ) -> Grid:
-    """Make the grid with ``factor`` times the cells per direction from a fitted model, see `FittedModel.member`.
+    """Grid with ``factor`` times the cells per direction of a fitted model, see `FittedModel.member`.
 
     Parameters
     ----------
     model : FittedModel
         The model.
     factor : float
-        Cells per direction of the member, divided by those of the grid.
+        Cells per direction of the member divided by cells per direction of the grid.
     control_points : ndarray, shape (n_control_points, 3), optional
         Moved control points (m); the fitted ones by default.
     slides : sequence of Slide
-        Patches that slide on surfaces which are not planes, ``mesh.slides`` of the mesh that moved: nodes of the member
-        stay on these.
+        Patches that slide on non-planar surfaces, ``mesh.slides`` of the mesh that moved: nodes of the member stay on
+        these surfaces.
 
     Returns
     -------
@@ -371,7 +372,7 @@ def family_member(
 
 
 def _scaled_header(header: GridHeader, scaling: IndexScaling) -> GridHeader:
-    """Header of a family member; a CGNS file is written back as a copy only where all blocks keep their nodes."""
+    """Header of a family member; a CGNS file is written back as a copy only if all blocks keep their nodes."""
     patches = tuple(_scaled_patch(patch, scaling) for patch in header.patches)
     iblanks = tuple(
         None if iblank is None else np.ascontiguousarray(iblank[np.ix_(*scaling.nearest(block))])
@@ -384,7 +385,7 @@ def _scaled_header(header: GridHeader, scaling: IndexScaling) -> GridHeader:
 
 
 def _copied(dialect: object | None) -> object | None:
-    """Dialect of a grid of other nodes."""
+    """Dialect of a grid with other nodes."""
     if isinstance(dialect, PlaneDialect):
         return replace(dialect, dialect=_copied(dialect.dialect))
     return None if isinstance(dialect, CgnsDialect) else dialect

@@ -1,10 +1,11 @@
-"""What one of several processes needs of a fitted grid.
+"""The part of a fitted grid that one of several processes needs.
 
-Topology, control mesh and control points are those of the whole model. Parameters and residual are those of some nodes
-alone: the process's own; those that they are copies of, because a node that blocks share is evaluated in the volume of
-the first; and those of the boundary and of the layer next to it, which every process has, because what is near a wall
-follows all of it. So a local model is a part of the grid and a few surfaces, and its nodes have the bits that they have
-in the whole grid, on any number of processes.
+Topology, control mesh and control points are the whole model's. Parameters and residual are known only for some nodes:
+the process's own; the nodes that these are copies of, because a node that blocks share is evaluated in the volume of
+the first; and the nodes of the boundary and of the layer next to it, which every process has, because anything near a
+wall follows all of it. So a local model is a part of the grid and a few surfaces, and its nodes have the same bits as
+in
+the whole grid, on any number of processes.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -49,25 +50,25 @@ __all__ = ["LocalModel", "rows_of_subdomain"]
 
 def rows_of_subdomain(topology: Topology, subdomain: Subdomain) -> np.ndarray:
     """Rows of the nodes whose parameters and residual a process needs, ascending, each once."""
-    # They are its own, those of the boundary of the grid and of the layer next to it, and those that these are copies
-    # of.
+    # The process's own nodes, the nodes of the grid's boundary and of the layer next to it, and the nodes that any of
+    # these are copies of.
     boundary = [rows.ravel() for face in topology.boundary for rows in face_layer_rows(topology, face.window)]
     return each_once(NodeNumbering.of(topology, each_once(np.concatenate([subdomain.rows, *boundary]))).rows)
 
 
 @dataclass(frozen=True, eq=False)
 class LocalModel(OneLine, Model):
-    """A fitted grid as one of several processes needs it. Made by `FittedModel.local_model`, or by `LocalModel.of`."""
+    """The part of a fitted grid that a process needs. Made by `FittedModel.local_model`, or by `LocalModel.of`."""
 
     subdomain: Subdomain  # nodes of the process
-    # topology, mesh, control_points, header, report, settings, candidate_weights, residual_lengths: those of the whole
-    # model, see `bspline_mdao.core.model.fitted_model.FittedModel`
+    # topology, mesh, control_points, header, report, settings, candidate_weights, residual_lengths: of the whole model,
+    # see `bspline_mdao.core.model.fitted_model.FittedModel`
     topology: Topology
     mesh: BSplineMesh
     control_points: np.ndarray
-    rows: np.ndarray  # (n,) of int, rows of the nodes that it knows, see `rows_of_subdomain`
+    rows: np.ndarray  # (n,) of int, rows of the known nodes, see `rows_of_subdomain`
     parameters: np.ndarray  # (n, 3), parameters of each of them in the volume that evaluates it
-    residual: np.ndarray | None  # (n, 3), their residual (m), where it is kept
+    residual: np.ndarray | None  # (n, 3), their residual (m), if it is kept
     header: GridHeader
     report: FitReport
     settings: FitSettings
@@ -79,14 +80,14 @@ class LocalModel(OneLine, Model):
         cls,
         subdomain: Subdomain,  # nodes of the process
         topology: Topology,  # topology of the grid
-        # takes the number of a segment and places in the C order of its nodes, ascending, and returns their parameters,
+        # takes the number of a segment and places in the C order of its nodes, ascending; returns their parameters,
         # shape (n, 3)
         parameters_at: Callable[[int, np.ndarray], np.ndarray],
         # takes ascending rows of the grid vector and returns their residual (m), shape (n, 3)
         residual_at: Callable[[np.ndarray], np.ndarray] | None,
         **others: Any,  # the other arguments of the class: ``mesh``, ``control_points``, ``header``, ..
     ) -> LocalModel:
-        """Gather what a process needs, segment by segment."""
+        """Gather the part that a process needs, segment by segment."""
         if subdomain.n_nodes_of_grid != topology.n_nodes:
             raise InputError(
                 f"{topology.source}: a subdomain of a grid of {subdomain.n_nodes_of_grid} nodes, but it has "
@@ -116,7 +117,7 @@ class LocalModel(OneLine, Model):
         subdomain: Subdomain | None = None,  # nodes of this process; by default those that `Partition.of` gives it
     ) -> LocalModel:
         """Read the model of one process from the file of a model; all processes call this."""
-        # The first passes over the file once, a piece at a time, to check it; each reads the slices that it needs.
+        # The first process reads the file once, a piece at a time, to check it; each reads the slices that it needs.
         fields = on_first(comm, lambda: read_fields(path))
         topology, header, has_residual = fields["topology"], fields["header"], fields.pop("has_residual")
         with together(comm):
@@ -151,7 +152,7 @@ class LocalModel(OneLine, Model):
 
     @property
     def n_bytes(self) -> int:
-        """Memory of what is known of nodes (B)."""
+        """Memory of the data of nodes (B)."""
         arrays = (self.rows, self.parameters, self.residual, self.subdomain.rows)
         return sum(array.nbytes for array in arrays if array is not None)
 
@@ -160,7 +161,7 @@ class LocalModel(OneLine, Model):
         return [self.parameters[self._places(nodes_here.rows[numbers])] for numbers in nodes_here.numbers]
 
     def residual_at(self, rows: np.ndarray) -> np.ndarray | None:
-        """Residual of nodes by their rows, shape (n, 3); None where there is none."""
+        """Residual of nodes by their rows, shape (n, 3); None if the model has none."""
         return None if self.residual is None else self.residual[self._places(rows)]
 
     def _places(self, rows: np.ndarray) -> np.ndarray:
@@ -175,7 +176,7 @@ class LocalModel(OneLine, Model):
 
     def grid_map(self) -> GridMap:
         """Map from the control points to the nodes of the subdomain, made once and not pickled."""
-        # Its first nodes are those of the subdomain; the others are what these need.
+        # The nodes of the subdomain come first, then the nodes that they need.
         return self._grid_map
 
     @cached_property
@@ -183,7 +184,7 @@ class LocalModel(OneLine, Model):
         return self._map_of(self, ())
 
     def corrected_map(self, rows: np.ndarray, whole: Model) -> tuple[GridMap, WallCorrection]:
-        """Map to the nodes of the subdomain for walls that are met exactly, and what of the correction it needs."""
+        """Map to the subdomain's nodes for walls that are met exactly, and the part of the correction that it needs."""
         nodes = nodes_at(whole, np.arange(whole.n_nodes))
         wanted = NodeNumbering.of(self.topology, self.subdomain.rows, self._needed(()))
         part = WallCorrection.of(self.topology, nodes, rows).part(wanted.sources_of(wanted.rows))
@@ -206,7 +207,7 @@ class LocalModel(OneLine, Model):
         return GridMap.of_nodes(*places, self.settings.wall_layer, walls, evaluator)
 
     def _needed(self, needed: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Rows of nodes that those of the process and others need: those of walls, and those tied to any of them."""
+        """Rows of nodes that the process's nodes and others need: of walls, and tied to any of them."""
         rows = [*needed, *(() if self._walls is None else self._walls.needed)]
         ties = row_ties(self.topology)
         if ties is None:

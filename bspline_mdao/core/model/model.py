@@ -1,6 +1,6 @@
-"""A fitted grid as far as a process knows its nodes: what meshes, surfaces, maps and components take.
+"""A fitted grid as far as a process knows its nodes: the interface for meshes, surfaces, maps and components.
 
-A process that is alone knows all of them, and its model is a `.fitted_model.FittedModel`; one of several has a
+A single process knows all of them, and its model is a `.fitted_model.FittedModel`. One of several has a
 `.local_model.LocalModel`. Both give the same bits for the nodes that they know.
 
 Theory: ``docs/parallel.rst``.
@@ -35,16 +35,16 @@ __all__ = ["Model", "nodes_at"]
 
 
 class Model(Movable):
-    """A fitted grid: all of it, or what one of several processes needs of it."""
+    """A fitted grid, or the part of it that one of several processes needs."""
 
-    # Topology, control mesh and control points are those of the whole grid in any case.
+    # Topology, control mesh and control points are always the whole grid's.
 
     topology: Topology
     mesh: BSplineMesh  # one volume per segment
     header: GridHeader
     report: FitReport
     settings: FitSettings
-    residual: np.ndarray | None  # baseline minus fitted points of the nodes that are known (m), where it is kept
+    residual: np.ndarray | None  # baseline minus fitted points of the known nodes (m), if it is kept
     candidate_weights: np.ndarray | None
 
     @property
@@ -53,7 +53,7 @@ class Model(Movable):
         return self.topology.n_nodes
 
     def with_nodes(self, nodes: np.ndarray) -> Grid:
-        """Grid with nodes, with its names and patches."""
+        """Grid of these nodes, with the names and patches."""
         return self.header.grid(self.topology.shapes, nodes)
 
     @property
@@ -63,7 +63,7 @@ class Model(Movable):
 
     @property
     def control_ids(self) -> tuple[np.ndarray, ...]:
-        """Those of the segments."""
+        """Numbers of the control points of the segments."""
         return self.mesh.control_ids
 
     def splines_at(self, control_points: np.ndarray) -> tuple[BSplineMesh, np.ndarray]:
@@ -87,7 +87,7 @@ class Model(Movable):
 
     @property
     def is_linear(self) -> bool:
-        """Whether neither the residual turns nor nodes follow walls, or those of a periodic side the other one."""
+        """Whether neither the residual turns nor nodes follow walls or the other one of two periodic sides."""
         has_walls = any(face.kind == "wall" for face in self.topology.boundary)
         follows = self.settings.wall_layer and (self.residual is not None or has_walls)
         return not follows and not self.topology.periodic
@@ -99,22 +99,22 @@ class Model(Movable):
 
     @property
     def carries_all(self) -> bool:
-        """Yes: the far field is made of control points as all else."""
+        """True: the far field is made of control points like everything else."""
         return True
 
     @property
     def why_no_fit(self) -> str:
-        """Say so where the process has not all nodes of the grid."""
+        """Why, if the process has only some nodes of the grid."""
         return "" if self.ownership is None else "a local model has neither a fit nor nodes of a surface that are given"
 
     @property
     @abstractmethod
     def residual_lengths(self) -> np.ndarray | None:
-        """How long the residual is around every corner of the spans of the whole grid (m); None if it does not turn."""
+        """Length of the residual around every corner of the whole grid's spans (m); None if it does not turn."""
 
     @abstractmethod
     def part(self, subdomain: Subdomain) -> Model:
-        """Take what a process with some nodes needs of the model: the model itself where it is made for these."""
+        """Part of the model that a process with some nodes needs; the model itself if it is made for these."""
 
     @abstractmethod
     def parameters_of(self, numbering: NodeNumbering) -> list[np.ndarray]:
@@ -122,7 +122,7 @@ class Model(Movable):
 
     @abstractmethod
     def residual_at(self, rows: np.ndarray) -> np.ndarray | None:
-        """Residual of nodes by their rows, shape (n, 3); None where there is none."""
+        """Residual of nodes by their rows, shape (n, 3); None if the model has none."""
 
     @abstractmethod
     def local_nodes(self, control_points: np.ndarray | None = None) -> np.ndarray:
@@ -136,12 +136,12 @@ class Model(Movable):
     def corrected_map(
         self,
         rows: np.ndarray,  # (n,) of int, rows of the nodes of the walls that are given
-        whole: Model,  # model of the whole grid: where blocks are cut, nodes of the pieces' neighbours take part
+        whole: Model,  # model of the whole grid: if blocks are cut, nodes of neighbouring pieces take part
     ) -> tuple[GridMap, WallCorrection]:
-        """Map to the nodes of the process for walls that are met exactly, and what of the correction it needs."""
+        """Map to the process's nodes for walls that are met exactly, and the part of the correction that it needs."""
 
     def map_meeting(self, rows: np.ndarray, whole: Model, slides: Sequence[Slide] = ()) -> GridMap:
-        """Correct the map: ``surface`` is one more input where nodes are given."""
+        """The map with a correction: it has ``surface`` as another input if nodes are given."""
         if not slides:
             grid_map, correction = self.corrected_map(rows, whole)
             return grid_map.meeting(correction)
@@ -152,11 +152,11 @@ class Model(Movable):
         return grid_map.meeting(correction, len(rows), sliding.among(asked))
 
     def partition(self, n_ranks: int) -> Partition:
-        """Deal the blocks out, see `Partition.of`."""
+        """Distribute the blocks, see `Partition.of`."""
         return Partition.of(self.topology, n_ranks)
 
     def nodes_on_planes(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Nodes of the faces of symmetry: of those that are one, the first."""
+        """Nodes of the faces of symmetry; of coincident nodes, the first."""
         copies = node_copies(self.topology)
         faces = [face for face in self.topology.boundary if face.kind == "symmetry"]
         rows = [face_rows(self.topology, face.window).ravel() for face in faces]
@@ -164,7 +164,7 @@ class Model(Movable):
         return [(source_rows(copies, of_face), plane.normal) for of_face, plane in zip(rows, planes)]
 
     def judge(self, subdomain: Subdomain | None, comm: Any, **settings: Any) -> BlocksJudge:
-        """Judge the cells of the blocks, or of the pieces of them that the processes hold."""
+        """The measure of cells of the blocks, or of their pieces on the processes."""
         with together(comm):
             if subdomain is None:
                 nodes = self.local_nodes()
@@ -181,12 +181,12 @@ class Model(Movable):
         return BlocksJudge.of_pieces(pieces, nodes, baseline=nodes, **settings)
 
     def fits(self, subdomain: Subdomain) -> bool:
-        """Whether the model is of the whole grid, or made for just these nodes."""
+        """Whether the model has the whole grid, or was made for exactly these nodes."""
         return self.ownership is None or np.array_equal(self.ownership.rows, subdomain.rows)
 
 
 def nodes_at(model: Model, rows: np.ndarray) -> np.ndarray:
-    """Nodes of the baseline by their rows in the grid vector, shape (n, 3), with the bits of the whole grid (m)."""
+    """Nodes of the baseline by their rows in the grid vector, shape (n, 3), to the bit as in the whole grid (m)."""
     numbering = NodeNumbering.of(model.topology, np.asarray(rows))
     nodes = Evaluator.of_nodes(numbering, model.mesh, model.parameters_of(numbering)).forward(model.control_points)
     nodes, residual = nodes[: numbering.n_asked], model.residual_at(numbering.rows[: numbering.n_asked])

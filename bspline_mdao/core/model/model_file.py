@@ -1,19 +1,18 @@
 """One HDF5 file for a fitted model, written from its fields and read back into them.
 
-Layout, version 5 (in version 4 no sides were tied; in version 3 there were no lengths of the residual; in version 2 the
-settings had a smoothing instead of a method; in version 1 there was no parametrization either, and the report had no
-memory of a factor)::
+Layout, version 5. Version 4 had no tied sides; version 3 had no lengths of the residual; version 2 had a smoothing
+instead of a method in its settings; version 1 also had no parametrization, and no memory of a factor in its report::
 
     /                       attributes: format, version, checksum, seconds of the fit
     /document               JSON (UTF-8): topology, grid header, report, settings, orders
     /control_points         (n_control_points, 3)
-    /residual               (n_nodes, 3), where it is kept
-    /residual_lengths       (n_corners,), where it turns: for processes that read a part of it
+        /residual               (n_nodes, 3), if it is kept
+        /residual_lengths       (n_corners,), if it turns: for processes that read a part of it
     /control_ids/<s>        ids of the control points of segment s
     /parameters/<s>         parameters of its nodes
     /knots/<s>/<d>          (N + p,) constant or (2, 2, N + p) bilinear knots of direction d
-    /iblank/<b>             blanking of block b, where it has one
-    /shares                 (n_control_points, 6) weights of the candidates, where not all are least squares
+        /iblank/<b>             blanking of block b, if it has one
+        /shares                 (n_control_points, 6) weights of the candidates, if not all are least squares
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ from .records import (
 VERSION = 5
 
 CHECKED_BYTES = 2**24
-"""Bytes of a dataset that are read at a time for the checksum, about."""
+"""About how many bytes of a dataset are read at a time for the checksum."""
 
 _LARGEST_RATIO = 2000
 """More bytes in memory than this for each byte of the file are a sign of damage (gzip reaches about 1000)."""
@@ -111,7 +110,7 @@ def write_model(
 
 def read_model(
     path: str | os.PathLike,  # file that `write_model` made
-    # makes the model from its fields, given by name; an `InputError` of it means that they are damaged
+    # makes the model from its fields, given by name; an `InputError` from it means that they are damaged
     make: Callable[..., Model],
 ) -> Model:  # what ``make`` returns
     """Read a model and check it."""
@@ -128,15 +127,15 @@ def read_model(
         iblanks = tuple(stored.get(f"iblank/{b}") for b in range(len(document["header"].names)))
         header = replace(document["header"], iblanks=iblanks)
         rest = {"parameters": parameters, "residual": stored.get("residual"), "header": header}
-        rest["residual_lengths"] = _checked_lengths(path, stored, is_turned=False)  # found anew before version 4
+        rest["residual_lengths"] = _checked_lengths(path, stored, is_turned=False)  # computed again before version 4
         return make(**fields_of_model | rest)
 
 
 def read_fields(
     path: str | os.PathLike,
 ) -> dict[str, object]:  # fields by name; also ``has_residual``, whether the file has one
-    """Read and check all fields of a model but what is of the size of the grid: parameters, residual and blanking."""
-    # The whole file is passed over once, a piece at a time, for its checksum.
+    """Read and check all fields of a model but the large ones: parameters, residual and blanking."""
+    # The whole file is read once, a piece at a time, for its checksum.
     with damaged_is_input_error(path), opened_model(path) as file:
         arrays = datasets_of(path, file)
         document = checked_document(file, arrays)
@@ -154,7 +153,7 @@ def read_fields(
 
 
 def checksum_in(path: str | os.PathLike) -> str | None:
-    """Checksum that the file of a model, of a grid or of a mesh, says it has; None where it is no such file."""
+    """Checksum stated in the file of a model, of a grid or a mesh; None if it is no such file."""
     try:
         with deferred_interrupts(), h5py.File(path, "r") as file:
             is_model = file.attrs.get("format") in (MODEL_FORMAT, MESH_MODEL_FORMAT)
@@ -172,7 +171,7 @@ def is_of_grid(name: str) -> bool:
 def damaged_is_input_error(
     path: str | os.PathLike, message: str = "the fitted model is damaged; fit the grid again"
 ) -> Iterator[None]:
-    """Turn whatever a damaged file leads to into an `InputError` of one line that names it."""
+    """Turn any error that a damaged file leads to into an `InputError` of one line that names the file."""
     try:
         yield
     except InputError as error:
@@ -242,7 +241,7 @@ def checksum_of(document: bytes, arrays: Mapping[str, np.ndarray | h5py.Dataset]
 
 
 def _bring_up_to_date(path: str | os.PathLike, document: dict, arrays: dict[str, np.ndarray]) -> None:
-    """Turn the smoothing of versions 1 and 2 into what it is now: none is least squares, infinity the coarse grid."""
+    """Translate the smoothing of versions 1 and 2: none is least squares, infinity the coarse grid."""
     settings = document["settings"]
     if "smoothing" not in settings:
         return
@@ -280,14 +279,14 @@ def arrays_of(
 
 
 def attributes_of(report: FitReport, **_: Any) -> dict[str, object]:
-    """Attributes of the file of a model but its checksum: what is no part of the model, such as the time of the fit."""
+    """Attributes of a model's file except its checksum: data outside the model, such as the time of the fit."""
     return {"format": MODEL_FORMAT, "version": VERSION, "seconds": report.seconds}
 
 
 def document_of(
     topology: Topology, mesh: BSplineMesh, header: GridHeader, report: FitReport, settings: FitSettings, **_: Any
 ) -> bytes:
-    """All of a model's fields that are no arrays, as JSON; without the time of the fit: equal fits are equal."""
+    """All fields of a model that are not arrays, as JSON, without the time of the fit: equal fits are equal."""
     fields_of_document = {
         "topology": topology,
         "header": replace(header, iblanks=()),
@@ -306,7 +305,7 @@ def _decode_of(file: h5py.File, document: dict) -> dict:
 
 
 def _fields_of(document: dict, arrays: dict[str, np.ndarray]) -> dict[str, object]:
-    """Fields of a model but those of the grid's size, from document and arrays; ValueError where they do not fit."""
+    """Small fields of a model, from document and arrays; ValueError if they do not fit together."""
     volumes = [
         Volume(tuple(knots_from_array(arrays[f"knots/{s}/{d}"], order) for d, order in enumerate(orders)))
         for s, orders in enumerate(document["orders"])
@@ -328,19 +327,19 @@ def _fields_of(document: dict, arrays: dict[str, np.ndarray]) -> dict[str, objec
 
 
 def _checked_weights(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
-    """Weights of the candidates; ValueError unless each control point has all of them, and they sum to 1."""
+    """Weights of the candidates; ValueError unless each control point has all of them, with a sum of 1."""
     weights = arrays.get("shares")
     if weights is not None:
         if weights.shape != (len(arrays["control_points"]), len(CANDIDATES)):
             raise ValueError("weights")
-        # they are sums and products of few numbers, so that they sum to 1 but for round-off
+        # they are sums and products of few numbers, so they sum to 1 up to round-off
         if not (np.abs(weights.sum(axis=1) - 1.0) <= 1e-9).all():
             raise ValueError("weights")
     return weights
 
 
 def _checked_lengths(path: str | os.PathLike, arrays: dict[str, np.ndarray], is_turned: bool) -> np.ndarray | None:
-    """Lengths of the residual around corners of spans; ValueError unless these are lengths."""
+    """Lengths of the residual around corners of spans; ValueError unless they are valid lengths."""
     lengths = arrays.get("residual_lengths")
     if lengths is None and is_turned:
         raise InputError(
@@ -353,7 +352,7 @@ def _checked_lengths(path: str | os.PathLike, arrays: dict[str, np.ndarray], is_
 
 
 def _check_topology(topology: Topology, header: GridHeader) -> None:
-    """Raise ValueError unless every index stays within the blocks and segments, and segments fill the blocks."""
+    """Raise ValueError unless every index is within the blocks and segments, and segments fill the blocks."""
     shapes = topology.shapes
     if not shapes or len(header.names) != len(shapes):
         raise ValueError("blocks")
@@ -409,13 +408,13 @@ def _check_orientation(orientation: Orientation, shape: Sequence[int], other: Se
 
 
 def _check_numbers(numbers: Sequence[int], least: int, most: int) -> None:
-    """Raise ValueError unless these are whole numbers within limits."""
+    """Raise ValueError unless these are integers within limits."""
     if any(type(number) is not int or not least <= number <= most for number in numbers):
         raise ValueError("index")
 
 
 def check_parameters(topology: Topology, number: int, shape: Sequence[int], values: np.ndarray | None = None) -> None:
-    """Raise ValueError unless parameters are those of the nodes of a segment, and values of them from 0 to 1."""
+    """Raise ValueError unless parameters match the nodes of a segment and their values are from 0 to 1."""
     if tuple(shape) != (*topology.segments[number].shape, 3):
         raise ValueError("parameters")
     if values is not None and not (np.abs(values - 0.5) <= 0.5 + 1e-9).all():
@@ -423,7 +422,7 @@ def check_parameters(topology: Topology, number: int, shape: Sequence[int], valu
 
 
 def _encode(value: Any) -> Any:
-    """Turn records, tuples and numbers into what JSON holds."""
+    """Turn records, tuples and numbers into JSON types."""
     if is_dataclass(value):
         if type(value).__name__ not in _RECORDS:
             raise InputError(
@@ -443,7 +442,7 @@ def _decode(value: Any) -> Any:
         return tuple(_decode(item) for item in value)
     if isinstance(value, dict):
         items = {name: _decode(item) for name, item in value.items() if name != "record"}
-        if "is_gzipped" in items:  # before there were other compressions
+        if "is_gzipped" in items:  # written before other compressions were supported
             items["compression"] = "gzip" if items.pop("is_gzipped") else ""
         return _RECORDS[value["record"]](**items) if "record" in value else items
     return value

@@ -1,8 +1,8 @@
-"""The file of a fitted model in parts: parameters and residual of some nodes are read by slices, and written by turns.
+"""The file of a fitted model in parts: parameters and residual of some nodes are read by slices, and written in turns.
 
-HDF5 as it is installed with h5py lets many processes read a file at once, and one write. So the first makes the file
-with room for everything, one after the other writes what it holds, and the file takes its name when all have done so.
-The file is the same as that of `bspline_mdao.core.model.model_file.write_model`, and each of them reads the other's.
+HDF5 as it is installed with h5py lets many processes read a file at once, but only one write. So the first makes the
+file with room for everything, one after the other writes its part, and the file takes its name when all have done so.
+The result is the same file as from `bspline_mdao.core.model.model_file.write_model`, and each module reads the other's.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -40,7 +40,7 @@ from .model_file import (
 __all__ = ["ModelParts", "opened_parts", "write_by_turns"]
 
 DENSE = 8
-"""What is read may have this many times the nodes that are asked for."""
+"""A box that is read may have this many times the requested nodes."""
 
 
 @contextmanager
@@ -48,7 +48,7 @@ def opened_parts(
     path: str | os.PathLike,  # the file
     topology: Topology,  # its topology, see `bspline_mdao.core.model.model_file.read_fields`
 ) -> Iterator[ModelParts]:
-    """Open the file of a model to read parts of it; whatever is damaged in it is an `InputError`."""
+    """Open the file of a model to read parts of it; any damage is an `InputError`."""
     with damaged_is_input_error(path), opened_model(path) as file:
         yield ModelParts(file, topology)
 
@@ -74,15 +74,16 @@ class ModelParts:
         return np.concatenate([np.zeros((0, 3)), *parts])
 
     def iblank_of(self, block: int) -> np.ndarray | None:
-        """Blanking of a block, where it has one."""
+        """Blanking of a block, if it has one."""
         name = f"iblank/{block}"
         return self.file[name][()] if name in self.file else None
 
 
 def _at(data: h5py.Dataset, indices: tuple[np.ndarray, ...]) -> np.ndarray:
     """Values at some indices along the first axes, shape (n, ...), from boxes that hold little else."""
-    # Nodes on the ends of an axis and in the layers next to them, as on faces of blocks, are read by layers; what is
-    # left, in one box.
+    # Nodes on the ends of an axis and in the layers next to them, as on faces of blocks, are read by layers, the rest
+    # in
+    # one box.
     values = np.empty((len(indices[0]), *data.shape[len(indices) :]), data.dtype)
     left = np.arange(len(values))
     if len(left) * DENSE < math.prod(data.shape[: len(indices)]):
@@ -96,7 +97,7 @@ def _at(data: h5py.Dataset, indices: tuple[np.ndarray, ...]) -> np.ndarray:
 
 
 def _read_box(data: h5py.Dataset, indices: tuple[np.ndarray, ...], which: np.ndarray, values: np.ndarray) -> None:
-    """Read some of the indices, all from the smallest box that holds them."""
+    """Read some of the indices, all from the smallest box that contains them."""
     if len(which):
         wanted = [index[which] for index in indices]
         low = [int(index.min()) for index in wanted]
@@ -105,33 +106,18 @@ def _read_box(data: h5py.Dataset, indices: tuple[np.ndarray, ...], which: np.nda
 
 
 def write_by_turns(
-    path: str | os.PathLike,
-    comm: Any,
+    path: str | os.PathLike,  # the file, on a disk that all processes see
+    comm: Any,  # the processes, all of which call this
+    # fields of a `bspline_mdao.core.model.fitted_model.FittedModel` by name, without parameters; its residual is None
+    # if
+    # none is kept, the blanking of its header only of the blocks here
     fields: Mapping[str, Any],
+    # arrays of this process by their names in the file; ``residual/<block>`` stands for the rows of a block
     parts: Mapping[str, np.ndarray],
-    compress: bool = True,
+    compress: bool = True,  # compress the arrays
 ) -> None:
-    """Write a model of which each process has a part; an existing file is replaced only when the new one is complete.
-
-    Parameters
-    ----------
-    path : path-like
-        The file, on a disk that all processes see.
-    comm : communicator
-        The processes, all of which call this.
-    fields : mapping of str
-        The fields of a `bspline_mdao.core.model.fitted_model.FittedModel` by name, without parameters; its residual is
-        None where none is kept, the blanking of its header that of the blocks here.
-    parts : mapping of str
-        Arrays of this process by their names in the file; ``residual/<block>`` stands for the rows of a block.
-    compress : bool
-        Compress the arrays.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, or the model has knots that are functions of the user's; on all processes.
-    """
+    """Write a model distributed over processes; an existing file is replaced only when the new one is complete."""
+    # `InputError` on all processes if the file cannot be written, or the model's knots are the user's functions
     arrays, document = _room_for(comm, fields), document_of(**fields)
     slices = fields["topology"].layout.slices
     with ExitStack() as stack:
@@ -153,7 +139,7 @@ def write_by_turns(
 
 
 def _room_for(comm: Any, fields: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Arrays of a model by their names in the file; those of the size of the grid stand for their shapes alone."""
+    """Arrays of a model by their names in the file; those of the grid's size only give their shapes."""
     topology, header = fields["topology"], fields["header"]
     zero = np.zeros(1)
     parameters = [np.broadcast_to(zero, (*segment.shape, 3)) for segment in topology.segments]
@@ -177,7 +163,7 @@ def _make(
 ) -> None:
     """Make a file with all small arrays, and room for the others."""
     needed, free = sum(array.nbytes for array in arrays.values()), shutil.disk_usage(made.parent).free
-    if needed > free:  # the HDF5 library takes the process down with it when a disk is full
+    if needed > free:  # the HDF5 library ends the process when a disk is full
         raise InputError(f"{path}: needs up to {needed} bytes, and the disk has {free} left; choose another place")
     with deferred_interrupts(), h5py.File(made, "w", track_order=True) as file:
         file.attrs.update({**attributes, "checksum": ""})

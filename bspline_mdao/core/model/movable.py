@@ -1,9 +1,9 @@
-"""What moves with control points, whatever its cells: what surfaces, measures, components and case files take.
+"""A model that moves with control points, whatever its cells: the interface for surfaces, measures and components.
 
-A grid of blocks that was fitted is one (`.model.Model`), a mesh without structure is one (its lattice is behind it, see
-`bspline_mdao.core.background.mesh_model`). Nobody asks which it is: what differs is behind these members, and behind
-the functions that make a control mesh (`moving_mesh`), a surface (`SurfaceGrid.of`), its map (`surface_map`) and a
-mover (`default_mover`), each of which has one way for each kind of model.
+A fitted grid of blocks is one (`.model.Model`), and so is a mesh without structure (through its lattice, see
+`bspline_mdao.core.background.mesh_model`). Callers need not know which it is. The difference is behind these members,
+and behind the functions that make a control mesh (`moving_mesh`), a surface (`SurfaceGrid.of`), its map (`surface_map`)
+and a mover (`default_mover`), each of which has one implementation for each kind of model.
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ class ControlPointMap(Protocol):
 
     @property
     def n_asked(self) -> int:
-        """Number of nodes that are the process's own: they come first."""
+        """Number of the process's own nodes, which come first."""
 
     def at(self, *points: Any, **named: Any) -> NodeState:
-        """Nodes and their derivative; `MovementError` where the map has no sensible value."""
+        """Nodes and their derivative; `MovementError` if the map has no sensible value."""
 
     def padded(self, bar: np.ndarray) -> np.ndarray:
-        """Derivatives by all nodes of those by the nodes that are the process's own."""
+        """Derivatives with respect to all nodes, from those with respect to the process's own."""
 
 
 class EmbeddedMap(Protocol):
-    """A map to points that are no nodes, some of which may ride on the walls around a body."""
+    """A map to points other than nodes, some of which may ride on the walls of a body."""
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -62,15 +62,15 @@ class EmbeddedMap(Protocol):
 
     @property
     def in_volume(self) -> np.ndarray:
-        """Numbers of those that are not in the body."""
+        """Numbers of the points outside the body."""
 
     @property
     def body(self) -> BodyPoints | None:
-        """What those in the body ride on."""
+        """The map that moves points in the body."""
 
     @property
     def wall_rows(self) -> np.ndarray:
-        """Rows of the nodes of walls that this is made of."""
+        """Rows of the nodes of walls that this map is made of."""
 
     @property
     def is_linear(self) -> bool:
@@ -84,25 +84,25 @@ class EmbeddedMap(Protocol):
 class Movable(ABC):
     """Nodes that move with control points."""
 
-    control_points: np.ndarray  # (n_control_points, 3), those of the baseline (m)
+    control_points: np.ndarray  # (n_control_points, 3), on the baseline (m)
 
     @property
     @abstractmethod
     def source(self) -> str:
-        """Where it comes from, for messages."""
+        """Source of the model, for messages."""
 
     @property
     @abstractmethod
     def n_nodes(self) -> int:
-        """Number of nodes of all of it."""
+        """Number of nodes of the whole model."""
 
     @abstractmethod
     def with_nodes(self, nodes: np.ndarray) -> Any:
-        """Grid or mesh with all of its nodes somewhere (m), shape (n_nodes, 3)."""
+        """Grid or mesh with all of its nodes at given places (m), shape (n_nodes, 3)."""
 
     @property
     def baseline(self) -> Any:
-        """Grid or mesh as it was fitted; `InputError` of a part of a model."""
+        """Grid or mesh as it was fitted; `InputError` for a part of a model."""
         raise InputError(f"{self.source}: a process has a part of the grid alone; give the whole model")
 
     @property
@@ -112,7 +112,7 @@ class Movable(ABC):
 
     @abstractmethod
     def splines_at(self, control_points: np.ndarray) -> tuple[BSplineMesh, np.ndarray]:
-        """Its volumes, and their control points among all, shape (n_control_points, 3)."""
+        """Its volumes, and their control points out of all, shape (n_control_points, 3)."""
 
     @property
     @abstractmethod
@@ -122,7 +122,7 @@ class Movable(ABC):
     @property
     @abstractmethod
     def control_lines(self) -> Sequence[np.ndarray]:
-        """Numbers of control points in blocks or lines: neighbours are as far apart as its nodes change over."""
+        """Numbers of control points in blocks or lines; the distance of neighbours is the scale of changes of nodes."""
 
     @property
     @abstractmethod
@@ -142,41 +142,41 @@ class Movable(ABC):
     @property
     @abstractmethod
     def carries_all(self) -> bool:
-        """Whether all nodes go where control points take them; if not, some of the boundary stay, whatever they do."""
+        """Whether control points move all nodes; if not, some nodes of the boundary stay in any case."""
 
     @property
     @abstractmethod
     def why_no_fit(self) -> str:
-        """Why control points cannot be fitted to other nodes, as `Fit` does; empty where they can."""
+        """Why control points cannot be fitted to other nodes, as `Fit` does; empty if they can."""
 
     @property
     @abstractmethod
     def ownership(self) -> Subdomain | None:
-        """Nodes of the process whose model this is; None where it has all of them, in their order."""
+        """Nodes of the process whose model this is; None if it has all of them, in their order."""
 
     @abstractmethod
     def part(self, subdomain: Subdomain) -> Movable:
-        """Take what a process with some nodes needs of the model: the model itself where it is made for these."""
+        """Part of the model that a process with some nodes needs; the model itself if it is made for these."""
 
     @abstractmethod
     def partition(self, n_ranks: int) -> Partition | NodePartition:
-        """Deal its nodes out to processes."""
+        """Distribute its nodes over processes."""
 
     def has_cells(self, subdomain: Subdomain | None) -> bool:
-        """Whether processes with some nodes have its cells: subdomains that are made of rows have nodes alone."""
+        """Whether processes with some nodes have its cells: subdomains made of rows have only nodes."""
         return subdomain is None or subdomain.windows is not None
 
     @abstractmethod
     def map_meeting(self, rows: np.ndarray, whole: Any, slides: Sequence[Slide] = ()) -> ControlPointMap:
-        """Map to the nodes of the process that puts nodes of walls, by their rows, exactly where they are given."""
-        # `whole` is the model of all nodes; nodes of ``slides`` stay on their surfaces
+        """Map to the process's nodes that puts nodes of walls, by their rows, exactly at their given places."""
+        # ``whole`` is the model of all nodes; nodes of ``slides`` stay on their surfaces
 
     def map_sliding(self, slides: Sequence[Slide], whole: Any) -> ControlPointMap:
-        """Map to the nodes of the process that keeps nodes of patches on the surfaces that these slide on."""
+        """Map to the process's nodes that keeps nodes of patches on the surfaces that these slide on."""
         return self.map_meeting(np.zeros(0, dtype=int), whole, slides) if slides else self.node_map
 
     def embed_points(self, points: np.ndarray, tolerance: float | None = None) -> EmbeddedMap:
-        """Find what moves points that are no nodes; `InputError` where nothing does, or of a part of a model."""
+        """Embed points that are not nodes; `InputError` if nothing moves them, or for a part of a model."""
         raise InputError(f"{self.source}: points may be in any part of the grid; give the whole model, of one process")
 
     @abstractmethod
@@ -186,18 +186,18 @@ class Movable(ABC):
     @abstractmethod
     def judge(
         self,
-        subdomain: Subdomain | None,  # nodes of this process; none where it has all
+        subdomain: Subdomain | None,  # nodes of this process; None if it has all
         comm: Any,  # the processes, all of which call it
         **settings: float,  # ``rho``, ``p`` and ``rho_height`` of the aggregates
     ) -> CellJudge:
-        """Take what judges its cells, by those of the baseline."""
+        """The measure of its cells, relative to the baseline."""
 
     @property
     def file(self) -> Path | None:
-        """File that it was saved to or loaded from last; None where it was neither."""
+        """File that it was last saved to or loaded from; None if neither."""
         return None
 
     @property
     def checksum(self) -> str | None:
-        """Checksum of all that it is, by which case files know their model; None of a part of one."""
+        """Checksum of the whole model, by which case files identify it; None for a part of one."""
         return None

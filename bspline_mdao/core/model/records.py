@@ -1,7 +1,7 @@
-"""Records of a fitted model, besides its arrays: the header of its grid, and settings and report of its fit.
+"""Records of a fitted model besides its arrays: the header of its grid, and the settings and report of its fit.
 
 They are stored in the model's file by the names of their classes and fields
-(`bspline_mdao.core.model.model_file`): to rename one is to change the format.
+(`bspline_mdao.core.model.model_file`): renaming one changes the format.
 """
 
 from __future__ import annotations
@@ -16,30 +16,30 @@ from ...grids.topology.block_layout import BlockLayout
 from ...grids.topology.grid import Block, Grid, Patch
 
 ITERATIONS = (8, 4, 2, 0)
-"""How often the quasi-interpolant is iterated, from the closest candidate to the most robust one."""
+"""Numbers of iterations of the quasi-interpolant, from the closest candidate to the most robust one."""
 
 CANDIDATES = (
     "least_squares",
     *(f"quasi_interpolant_{n}" if n else "quasi_interpolant" for n in ITERATIONS),
     "coarse_grid",
 )
-"""Where a control point may be, the closest to the grid first, the most robust last."""
+"""Candidates for the place of a control point, the closest to the grid first, the most robust last."""
 
 
 @dataclass(frozen=True, eq=False)
 class GridHeader(OneLine):
-    """Names, patches, source and file dialect of a grid: all but its nodes."""
+    """Names, patches, source and file dialect of a grid: everything but its nodes."""
 
     names: tuple[str, ...]  # names of the blocks
     patches: tuple[Patch, ...] = ()  # declared patches
     source: str = "grid"  # where the grid came from
     dialect: object | None = None  # how its file was written
     iblanks: tuple[np.ndarray | None, ...] = ()  # blanking of every block
-    unit: str = ""  # unit of lengths; empty where nobody says it
+    unit: str = ""  # unit of lengths; empty if unknown
 
     @property
     def length_unit(self) -> str:
-        """Unit that lengths are shown in: metres where nobody says another one."""
+        """Unit in which lengths are shown: metres if no other is known."""
         return self.unit or "m"
 
     @classmethod
@@ -56,15 +56,15 @@ class GridHeader(OneLine):
 
 @dataclass(frozen=True)
 class FitSettings(OneLine):
-    """Settings of a fit, as far as its derivatives depend on them."""
+    """Settings of a fit that its derivatives depend on."""
 
     knots: str = "curved"  # ``"curved"``, ``"constant"``, or ``"given"`` for the user's own
     corrections: int = 0  # cycles of parameter correction
     # of the nodes, before correction: one of `bspline_mdao.core.fit.options.EXPONENTS`, or ``"given"`` for the user's
     parametrization: str = "chord_length"
-    # one of `bspline_mdao.core.fit.options.METHODS`; what came of it are the model's ``candidate_weights``
+    # one of `bspline_mdao.core.fit.options.METHODS`; the resulting weights are the model's ``candidate_weights``
     method: str = "valid"
-    # whether nodes near walls follow them as a rigid body and the residual turns with its surroundings
+    # whether nodes near walls follow them as a rigid body and the residual turns with its neighbourhood
     wall_layer: bool = True
 
 
@@ -92,11 +92,12 @@ class WorstNode:
 
 @dataclass(frozen=True)
 class LocalError:
-    """The node with the largest error by the width of the cells there."""
+    """The node with the largest error relative to the width of the cells there."""
 
-    in_widths: float  # distance between the node and the fitted point by the width
-    # error, width: the distance, and the width (m): of the shortest edge in each direction at the node the middle one,
-    # on a wall the shorter of those in the wall; see `bspline_mdao.core.fit.local_errors`
+    in_widths: float  # distance between the node and the fitted point divided by the width
+    # error, width: the distance and the width (m). The width is the middle one of the shortest edges in each direction
+    # at
+    # the node, on a wall the shorter of the two in the wall; see `bspline_mdao.core.fit.local_errors`
     error: float
     width: float
     # block, i, j, k: its place, from 1
@@ -104,7 +105,7 @@ class LocalError:
     i: int
     j: int
     k: int
-    patch: str = ""  # the wall; empty where it was not looked for on walls
+    patch: str = ""  # the wall; empty if walls were not searched
 
     def __str__(self) -> str:
         on = f" of '{self.patch}'" if self.patch else ""
@@ -121,17 +122,17 @@ class InvalidElement:
     j: int
     k: int
     measure: float  # smallest corner triple product of unit edges; positive in a valid element
-    # number in its block, from 1, of a folded or flat cell of the grid that the element covers, where there is one
+    # number in its block, from 1, of a folded or flat cell of the grid that the element covers, if there is one
     folded_cell: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
 class Fallback:
-    """Control points of a fit that are not least squares, and the errors and invalid elements that these would have."""
+    """Control points of a fit that are not least squares; errors and invalid elements with least squares."""
 
     n_points: tuple[int, ...]  # control points of which each of `CANDIDATES` has the largest weight
-    n_moved: int  # control points that are not least squares alone
-    # invalid control elements by least squares; None, like the next two, where these were not solved
+    n_moved: int  # control points that are not purely least squares
+    # invalid control elements by least squares; None, like the next two, if these were not solved
     least_squares_invalid: int | None = None
     # least_squares_rms, least_squares_max: root mean square and largest distance between node and fitted point by least
     # squares (m)
@@ -141,10 +142,10 @@ class Fallback:
 
 @dataclass(frozen=True)
 class Raised:
-    """What the fit would be with the numbers of control points that are chosen from the grid alone."""
+    """The fit with the numbers of control points that are chosen from the grid alone."""
 
     n_control_points: int  # unique control points
-    in_widths: float  # largest error by the width of the cells, see `LocalError`
+    in_widths: float  # largest error relative to the width of the cells, see `LocalError`
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ class FitReport(OneLine):
 
     rms: float  # root mean square over all nodes of the distance between node and fitted point (m)
     relative_rms: float  # the same divided by the mean cell edge of the grid
-    mean_edge: float  # mean length of the cell edges that have a length (m)
+    mean_edge: float  # mean length of the cell edges of non-zero length (m)
     max_error: tuple[float, ...]  # largest error in x, y and z (m)
     blocks: tuple[BlockError, ...]  # errors of each block
     worst: WorstNode  # where the error is largest
@@ -167,9 +168,9 @@ class FitReport(OneLine):
     # predicted memory of one factor of elasticity's matrix (bytes); derivatives keep one for every increment. None for
     # small control meshes, see `bspline_mdao.core.fit.control_counts.predict_factor_bytes`.
     factor_bytes: int | None = None
-    fallback: Fallback | None = None  # where the fit is not least squares; None where it is
-    # worst_local, worst_on_walls: where the error is largest by the width of the cells, anywhere and on walls; None
-    # where there are none
+    fallback: Fallback | None = None  # if the fit is not least squares everywhere; else None
+    # worst_local, worst_on_walls: where the error is largest relative to the width of the cells, anywhere and on walls;
+    # None if there are none
     worst_local: LocalError | None = None
     worst_on_walls: LocalError | None = None
-    raised: Raised | None = None  # where control points were added since too much was missed; None where none were
+    raised: Raised | None = None  # if control points were added because errors were too large; else None

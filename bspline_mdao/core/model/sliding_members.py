@@ -1,8 +1,8 @@
-"""Members of a grid family whose nodes are on the surfaces that patches slide on as well as those of the grid are.
+"""Members of a grid family whose nodes are on the surfaces that patches slide on, as well as the grid's nodes are.
 
-What the splines miss of the grid is interpolated, and nodes between those of the grid leave a curved surface by what
-the interpolation misses. So their heights over the surface are interpolated instead, nodes of the patch go to the
-points nearest to them at these heights, and what that takes fades over the blocks.
+The residual of the fit is interpolated, and nodes between the nodes of the grid leave a curved surface by the error of
+the interpolation. So their heights over the surface are interpolated instead: nodes of the patch go to the nearest
+points at these heights, and the displacement fades over the blocks.
 
 Theory: ``docs/theory/sliding.rst``.
 """
@@ -31,7 +31,7 @@ def onto_surfaces(
     member_nodes: np.ndarray,  # (n_member_nodes, 3), nodes of the member (m)
     slides: Sequence[Slide],
 ) -> np.ndarray:
-    """Displacements (m) of the nodes of a member, (n_member_nodes, 3), that take those of patches onto surfaces."""
+    """Displacements (m) of the nodes of a member, (n_member_nodes, 3), that take nodes of patches onto surfaces."""
     transfer, numbers = NodeTransfer.of(topology, member), topology.layout.numbers
     sides = [
         rows.ravel() for _, rows in boundary_sections(topology, [numbers[s.block][s.slices] for s in topology.segments])
