@@ -291,8 +291,7 @@ def _influence(rows, orders, fractions, lane, out):
 def cut_direction(vectors, rows, orders, columns, fractions, has_frame, lane):
     """Direction in which a box is best halved."""
     # The direction in which the fractions of `are_positive` differ most, each times its factor; their radii count if
-    # the
-    # knots change. Without a frame the box is halved along its longest side.
+    # the knots change. Without a frame the box is halved along its longest side.
     scores, influence, most = np.zeros(3), np.zeros(3), np.zeros(3)
     _influence(rows, orders, fractions, lane, influence)
     for d in range(3):

@@ -1,11 +1,9 @@
 """All nodes of a grid from the control points of a B-spline mesh, Eq. (3), without a matrix.
 
 `Evaluator` is the linear map ``x = A b`` at fixed parameters, and its transpose. Per node it stores the functions of
-its
-span triple and its place in the result. Shared nodes are evaluated once and copied, so all blocks get the same bits.
-The
-work is cut into chunks that do not depend on the number of threads. In reverse each chunk sums into its own control
-points, which are then added up in the order of the chunks. So results do not depend on the number of threads.
+its span triple and its place in the result. Shared nodes are evaluated once and copied, so all blocks get the same
+bits. The work is cut into chunks that do not depend on the number of threads. In reverse each chunk sums into its own
+control points, which are then added up in the order of the chunks. So results do not depend on the number of threads.
 Theory: ``docs/theory/evaluation.rst``.
 """
 

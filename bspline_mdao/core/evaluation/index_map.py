@@ -7,8 +7,7 @@ local, linear in the values, the same from both ends, and exact for polynomials 
 Increasing values get an increasing function: a polynomial increases if the increments of its Bernstein coefficients
 are positive. Increments next to an integer depend only on the derivatives there. If one would fall below `LEAST` times
 its value with the safe derivatives (the smaller neighbouring difference, then zeros), the derivatives at the integer
-are
-blended with the safe ones, just as far as needed. Theory: ``docs/theory/evaluation.rst``.
+are blended with the safe ones, just as far as needed. Theory: ``docs/theory/evaluation.rst``.
 """
 
 from __future__ import annotations

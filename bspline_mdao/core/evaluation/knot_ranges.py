@@ -3,10 +3,9 @@
 In an element, the region between neighbouring knots, each parameter is ``xi = (1 - u) T_s + u T_{s+1}`` with its
 *fraction* ``u`` of the span, between 0 and 1. A box is a range of fractions in each direction. On a box the map is a
 Bézier hexahedron whose control points depend only on the knots: they are blossoms at the ends of the box, by the de
-Boor
-triangle. Its ratios of knot intervals are quotients of functions linear in each parameter, with extremes at the corners
-of the box's parameters. If knots are curved, these parameters lie in ranges, which `enclose` finds, and so do the
-control points.
+Boor triangle. Its ratios of knot intervals are quotients of functions linear in each parameter, with extremes at the
+corners of the box's parameters. If knots are curved, these parameters lie in ranges, which `enclose` finds, and so do
+the control points.
 
 Many boxes are treated at a time, one in each *lane*: the last index of all arrays. Inner loops run over lanes, so the
 compiler vectorises them. Ranges are [low, high].

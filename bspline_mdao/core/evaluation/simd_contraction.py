@@ -8,8 +8,7 @@ In one direction the ``p`` functions that differ from zero on a span sum to one.
 and in three directions the same holds one direction after the other: the sub-net is replaced by its *differences*, the
 factor of index 0 is one, and only ``p - 1`` functions per direction are stored and multiplied. This saves a quarter of
 memory and arithmetic for cubics, and is exact where it matters: a coordinate that all control points share is
-reproduced
-to the last bit, and a node at the anchor's end of the span depends on nothing beyond that end.
+reproduced to the last bit, and a node at the anchor's end of the span depends on nothing beyond that end.
 
 All intrinsics here are straight-line code for one triple of orders; the SIMD lanes are nodes, or the control
 points of one line of the sub-net with their three components.

@@ -136,8 +136,7 @@ class NodeTransfer(OneLine):
 
     Cubic Hermite interpolation in the index, which folds stretched lines less than smoother interpolation does, or
     linear. Nodes that coincide with source nodes keep their values, so a coarser member of half the cells takes a
-    subset
-    of them. Nodes that blocks share get the same values if they had the same in the source.
+    subset of them. Nodes that blocks share get the same values if they had the same in the source.
 
     Parameters
     ----------

@@ -31,8 +31,7 @@ def interior_directions(
 ) -> np.ndarray:
     """Directions in which each control point may move."""
     # Returns (n_control_points, 3, 3), orthogonal projectors onto these directions: the identity if a point is free,
-    # zero
-    # if it is fixed.
+    # zero if it is fixed.
     topology, points, blocks = model.topology, model.control_points, model.mesh.control_ids
     asked = matching_patches(topology, sliding)
     allowed = AllowedDirections.of(len(points))

@@ -48,8 +48,7 @@ class Tangling(OneLine):
     place: str  # the worst of them; empty if there is none
     min_corner: float  # smallest corner triple product of unit edges of the elements that are valid on the baseline
     # smallest ratio of an element's smallest corner triple product to its value on the baseline, of the same elements:
-    # 1
-    # if nothing has changed, 0 or less if the mesh tangles
+    # 1 if nothing has changed, 0 or less if the mesh tangles
     corner_ratio: float
     # invalid elements, whatever they are on the baseline, counted as in the report of a fit
     n_invalid: int
@@ -76,8 +75,7 @@ class MovingMesh(OneLine):
         Rows are the orthonormal directions of each point that ``is_free`` refers to; the coordinate axes by default.
     in_plane_rows : ndarray of int, shape (n_in_plane,)
         Rows of ``surface_ids`` of the surface points that lie on a symmetry plane, or on another plane that they have
-        to
-        stay in, once for each plane.
+        to stay in, once for each plane.
     in_plane_normals : ndarray, shape (n_in_plane, 3)
         Unit normals of these planes.
     parameters : tuple of ndarray, each of shape (N0, N1, N2, 3), or None

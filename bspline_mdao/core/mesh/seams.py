@@ -2,8 +2,7 @@
 
 On either side the derivative into the side and the derivative along the seam are linear in the control points on the
 seam and in the next line. With curved knots the knots along the seam vary into the side, which adds a term of the
-points
-on the seam. Theory: ``docs/theory/linear_constraints.rst``.
+points on the seam. Theory: ``docs/theory/linear_constraints.rst``.
 """
 
 from __future__ import annotations
@@ -84,8 +83,7 @@ class SideEdge(OneLine):
     def weights(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Weights of control points in derivatives at places along the seam."""
         # Returns inner: (n, N), of the next line in the derivative into the side; own: (n, N), of the line on the seam
-        # in
-        # the same; tangent: (n, N), of the line on the seam in the derivative along it.
+        # in the same; tangent: (n, N), of the line on the seam in the derivative along it.
         into, along = self.side.axes[self.axis], self.side.axes[1 - self.axis]
         at = self.side.parameters(*self.uv(t))
         values = _dense(self.side.volume.knots[along], along, at)

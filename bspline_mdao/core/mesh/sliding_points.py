@@ -3,8 +3,7 @@
     p <- p + E (q(p_s; p0_s) - p_s)     p_s: points that slide, p0: all before the move
 
 E is zero at the other points of the design surface, which stay at their given places. Points of tied periodic sides
-take
-the mean of both sides.
+take the mean of both sides.
 
 Theory: ``docs/theory/sliding.rst``.
 """

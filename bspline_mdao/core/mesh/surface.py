@@ -43,8 +43,7 @@ class SurfaceGrid(OneLine):
         Row of each node in the grid vector.
     faces : tuple of ndarray of int, each of shape (ni, nj)
         Numbers of the nodes of every structured face, such that direction i x direction j points into the fluid. None
-        if
-        there is no structure.
+        if there is no structure.
     names, patches : tuple of str
         Name of every face, for messages, and its patch.
     planes : tuple of Plane

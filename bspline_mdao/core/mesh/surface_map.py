@@ -63,8 +63,7 @@ class SurfaceMap(OneLine):
         # (n,) of int, rows of the nodes in the grid vector, ascending; of coincident nodes, the first
         rows: np.ndarray,
         # called with each matrix by which the nodes depend on control points (the matrix of the nodes, and the matrix
-        # of the
-        # corners of spans that their residual turns with) and with whether it is the second; may refuse it
+        # of the corners of spans that their residual turns with) and with whether it is the second; may refuse it
         require: Callable | None = None,
     ) -> SurfaceMap:
         """Take some rows out of the evaluation of the grid."""

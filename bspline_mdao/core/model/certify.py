@@ -23,9 +23,8 @@ def certify(what: Grid | FittedModel, control_points: np.ndarray | None = None) 
     """Prove which blocks of a grid are valid: their maps have a positive Jacobian everywhere.
 
     For a grid these are the trilinear maps of its cells. For a fitted model they are the maps of its grid's cells and
-    the
-    spline maps of its elements, the regions between knots. Lower bounds are Bernstein coefficients with their rounding
-    errors included, so whatever is reported valid is valid.
+    the spline maps of its elements, the regions between knots. Lower bounds are Bernstein coefficients with their
+    rounding errors included, so whatever is reported valid is valid.
 
     Parameters
     ----------

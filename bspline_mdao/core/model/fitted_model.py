@@ -257,8 +257,7 @@ class FittedModel(Plottable, Model):
         """Model of a finer or coarser member of the grid family, section II.E, with the same control points.
 
         The residual of the fit, the part of the grid that the splines miss, is interpolated in the index if it is kept,
-        so
-        a member of twice the cells contains the nodes of the grid. The layer at walls is made for the member's own
+        so a member of twice the cells contains the nodes of the grid. The layer at walls is made for the member's own
         nodes.
 
         Parameters
@@ -268,8 +267,7 @@ class FittedModel(Plottable, Model):
         slides : sequence of Slide
             Patches that slide on non-planar surfaces, ``mesh.slides`` of a mesh of this model. If the model keeps its
             residual, nodes of the member are on these surfaces as well as the grid's nodes are. The member takes the
-            same
-            slides as this model.
+            same slides as this model.
 
         Returns
         -------

@@ -4,8 +4,7 @@ Topology, control mesh and control points are the whole model's. Parameters and 
 the process's own; the nodes that these are copies of, because a node that blocks share is evaluated in the volume of
 the first; and the nodes of the boundary and of the layer next to it, which every process has, because anything near a
 wall follows all of it. So a local model is a part of the grid and a few surfaces, and its nodes have the same bits as
-in
-the whole grid, on any number of processes.
+in the whole grid, on any number of processes.
 
 Theory: ``docs/parallel.rst``.
 """

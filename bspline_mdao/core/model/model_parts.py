@@ -82,8 +82,7 @@ class ModelParts:
 def _at(data: h5py.Dataset, indices: tuple[np.ndarray, ...]) -> np.ndarray:
     """Values at some indices along the first axes, shape (n, ...), from boxes that hold little else."""
     # Nodes on the ends of an axis and in the layers next to them, as on faces of blocks, are read by layers, the rest
-    # in
-    # one box.
+    # in one box.
     values = np.empty((len(indices[0]), *data.shape[len(indices) :]), data.dtype)
     left = np.arange(len(values))
     if len(left) * DENSE < math.prod(data.shape[: len(indices)]):
@@ -109,8 +108,7 @@ def write_by_turns(
     path: str | os.PathLike,  # the file, on a disk that all processes see
     comm: Any,  # the processes, all of which call this
     # fields of a `bspline_mdao.core.model.fitted_model.FittedModel` by name, without parameters; its residual is None
-    # if
-    # none is kept, the blanking of its header only of the blocks here
+    # if none is kept, the blanking of its header only of the blocks here
     fields: Mapping[str, Any],
     # arrays of this process by their names in the file; ``residual/<block>`` stands for the rows of a block
     parts: Mapping[str, np.ndarray],

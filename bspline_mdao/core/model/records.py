@@ -96,8 +96,7 @@ class LocalError:
 
     in_widths: float  # distance between the node and the fitted point divided by the width
     # error, width: the distance and the width (m). The width is the middle one of the shortest edges in each direction
-    # at
-    # the node, on a wall the shorter of the two in the wall; see `bspline_mdao.core.fit.local_errors`
+    # at the node, on a wall the shorter of the two in the wall; see `bspline_mdao.core.fit.local_errors`
     error: float
     width: float
     # block, i, j, k: its place, from 1

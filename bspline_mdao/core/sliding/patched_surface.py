@@ -46,8 +46,7 @@ class PatchedSurface(FixedSurface):
     ----------
     patches : sequence of array_like, each of shape (n, m, 3)
         Rows of points (m) of each patch, as for `SplineSurface`. Patches that meet have an edge in common, with the
-        same
-        points or others. A closed surface takes at least two patches.
+        same points or others. A closed surface takes at least two patches.
 
     Raises
     ------

@@ -32,8 +32,7 @@ def greville_abscissae(volume: Volume) -> np.ndarray:  # (N0, N1, N2, 3), parame
     """
     # In a direction of order p, control point i is at the mean of the p - 1 knots ``T_{i+1} .. T_{i+p-1}``: with these
     # coefficients the spline is the parameter itself. Curved knots depend on the control point's other two parameters,
-    # so
-    # all three are found together by fixed-point iteration.
+    # so all three are found together by fixed-point iteration.
     return _fixed_point(volume, volume.n_control, _knot_means)
 
 

@@ -38,8 +38,7 @@ def insert_knots(
     control_points: np.ndarray,  # (N0, N1, N2, d)
     direction: int,  # 0, 1 or 2
     # values to add, repeated for a higher multiplicity; into bilinear knots also curved ones, by their values on the
-    # four
-    # edges, numbered as in `BilinearKnots`
+    # four edges, numbered as in `BilinearKnots`
     new_knots: ArrayLike,  # array_like (m,) or (2, 2, m)
 ) -> tuple[
     Volume, np.ndarray
@@ -56,8 +55,7 @@ def insert_knots(
     """
     # `InputError` if the new knots are outside (0, 1) or would be too many of one value, or if the knots are curved and
     # no control points keep the geometry: everywhere, the new knot and the ``2 p - 2`` knots around it must be an
-    # affine
-    # image of the same numbers
+    # affine image of the same numbers
     if isinstance(volume.knots[direction], BilinearKnots):
         for new_knot in np.moveaxis(_on_edges(new_knots), 2, 0):
             volume, control_points = _insert_curved(volume, control_points, direction, new_knot)

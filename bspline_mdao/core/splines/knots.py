@@ -213,8 +213,7 @@ class FunctionKnots(OneLine):
     """Knots given by the user's own functions of the other two parameters.
 
     The functions give only the ``N - p`` inner knots, which must increase strictly between 0 and 1. For a mapping that
-    is
-    ``p - 2`` times continuously differentiable, they must be so too. Knots of this kind cannot be stored in a file.
+    is ``p - 2`` times continuously differentiable, they must be so too. Knots of this kind cannot be stored in a file.
 
     Parameters
     ----------
