@@ -17,8 +17,7 @@ say, must satisfy the following. `tests/core/evaluation/test_node_maps.py` prove
 - *Real numbers.* Points, directions and bars are real. Under complex step, the component treats both parts of a complex
   one in turn (``by_parts``).
 - *A function of the design alone.* Equal inputs give equal bits, whatever was evaluated before. Searches, and which
-node
-  is near which wall, are done on the baseline. Neither map nor state changes, and no argument is written to.
+  node is near which wall, are done on the baseline. Neither map nor state changes, and no argument is written to.
 - *Exact and linear.* ``jvp`` is the derivative of ``nodes``, ``vjp`` its transpose to round-off. A subset of ``wrt``
   gives the same values as all of it, and costs less where possible.
 """

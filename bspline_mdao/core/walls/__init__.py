@@ -1,1 +1,1 @@
-"""The grid near walls: the residual of the fit turned with its surroundings, and layers that follow walls."""
+"""The grid near walls: the residual of the fit turned with its neighbourhood, and layers that follow walls."""

@@ -1,18 +1,18 @@
 """Points inside a body, such as spars, ribs and tanks, that ride on its surface.
 
-A point is a weighted mean of the nodes of the surface around it, by mean value coordinates on the baseline, which stay:
+A point is a weighted mean of the nodes of the surface around it, by mean value coordinates fixed on the baseline:
 
     x = sum_i w_i s_i + d ,    sum_i w_i = 1 ,    d = 0 to round-off.
 
-So it follows every affine motion of the surface exactly, a smooth one to the second order of the distances to the nodes
-that count, and lies on the surface if it did so before. The map is linear in the nodes.
+So it follows every affine motion of the surface exactly, and a smooth motion to second order in the distances to the
+nodes that count. It lies on the surface if it did so before. The map is linear in the nodes.
 
-Where the surface has an edge, such as in a plane of symmetry, a fan of triangles closes it, from the mean of the nodes
-on the edge. Points on the fan are means of these nodes, so that they stay in the plane.
+Where the surface has an edge, such as in a plane of symmetry, a fan of triangles from the mean of the nodes on the edge
+closes it. Points on the fan are means of these nodes, so they stay in the plane.
 
 The weights of all nodes would make a dense matrix. They decay with the fourth power of the distance between opposite
-walls, so that `MOST` of them are kept: all are lowered by the largest one that is left out, so that they fade to zero
-and do not jump, and then corrected by as little as makes the mean exact again.
+walls, so only `MOST` of them are kept. To fade to zero without a jump, all are lowered by the largest weight that is
+left out, and then corrected by the least change that makes the mean exact again.
 
 Theory: ``docs/theory/body_points.rst``.
 """
@@ -39,26 +39,26 @@ from .mean_value import add_weights
 __all__ = ["Body", "BodyPoints"]
 
 MOST = 128
-"""Nodes that a point rides on, at most, and means of edges: 1.5 kB a point."""
+"""Most nodes, and means of edges, that a point rides on: 1.5 kB per point."""
 
 INSIDE = 0.5
-"""Part of all directions in which a body is seen from inside; on its surface it is a half, and noisy."""
+"""Least fraction of all directions in which an inner point sees the body; on the surface it is a half, and noisy."""
 
 BETWEEN = 0.1
-"""Distance out of the body, by the edges of its quads there, up to which a point counts as on its surface: that is how
-far curved skin is from the quads between nodes of it."""
+"""Distance out of the body, relative to the edges of its quads there, up to which a point counts as on its surface: the
+distance of curved skin from the quads between its nodes."""
 
 SAME = 1e-9
-"""Distance, by the size of the body, up to which a point is a node."""
+"""Distance, relative to the size of the body, up to which a point is a node."""
 
 FLAT = 1e-13
-"""Area of a triangle, by the square of its longest edge, below which it has none."""
+"""Area of a triangle, relative to the square of its longest edge, below which it counts as zero."""
 
 BYTES = 2**26
 """Memory of the weights of all nodes in the points of one piece of work."""
 
 N_CORRECTIONS = 3
-"""The first makes the mean exact, the others take round-off away."""
+"""Corrections: the first makes the mean exact, the others remove round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class Body:
 
     @cached_property
     def _edges(self) -> np.ndarray:
-        """Ends of the edges of quads that have no quad on the other side, shape (n_edges, 2), in turn."""
+        """Ends of the edges of quads that have no quad on the other side, shape (n_edges, 2), in order."""
         edges = np.concatenate([self.quads[:, [k, (k + 1) % 4]] for k in range(4)])
         edges = edges[edges[:, 0] != edges[:, 1]]
         keys, back = edges @ [len(self.points), 1], edges @ [1, len(self.points)]
@@ -88,12 +88,12 @@ class Body:
 
     @cached_property
     def corners(self) -> np.ndarray:
-        """Nodes, and means of those on each edge (m)."""
+        """Nodes, and the mean of the nodes on each edge (m)."""
         return np.concatenate([self.points, self.means @ self.points])
 
     @cached_property
     def triangles(self) -> np.ndarray:
-        """Triangles of the closed surface that have an area, shape (n_triangles, 3), around the normal out of it."""
+        """Triangles of the closed surface with an area, shape (n_triangles, 3), around the outward normal."""
         part_of = np.zeros(len(self.points), dtype=int)
         part_of[self.means.indices] = np.repeat(np.arange(self.means.shape[0]), np.diff(self.means.indptr))
         fans = np.column_stack([self._edges[:, ::-1], len(self.points) + part_of[self._edges[:, 0]]])
@@ -128,7 +128,7 @@ class Body:
 
     @cached_property
     def _normals_and_lengths(self) -> tuple[np.ndarray, np.ndarray]:
-        """Unit normals at the nodes, zero where there is none, and mean lengths of the edges there (m)."""
+        """Unit normals at the nodes, zero if undefined, and mean lengths of the edges there (m)."""
         corners, n = self.points[self.quads], len(self.points)
         areas = area_vectors(corners)
         normals = add_to_nodes(self.quads, np.repeat(areas[:, None], 4, axis=1), n)
@@ -137,7 +137,7 @@ class Body:
         return unit_vectors(normals, np.zeros(3), 0.0), sums / np.maximum(counts, 1.0)
 
     def seen_from(self, points: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield numbers of points, weights of all corners in them, and the part of all directions that is inside."""
+        """Yield numbers of points, weights of all corners in them, and the fraction of directions that see the body."""
         step = max(1, BYTES // (8 * len(self.corners)))
         for start in range(0, len(points), step):
             numbers = np.arange(start, min(start + step, len(points)))
@@ -150,10 +150,10 @@ class Body:
 class BodyPoints:
     """The map from the nodes of a surface to points that ride on it. Made by `BodyPoints.of`."""
 
-    # (n, n_nodes + n_means), weights of the nodes, and of means of those on edges of the surface, in the points
+    # (n, n_nodes + n_means), weights in the points of nodes, and of means of nodes on edges of the surface
     weights: csr_array
     means: csr_array  # (n_means, n_nodes), these means
-    offsets: np.ndarray  # (n, 3), what is left of the points on the baseline, round-off (m)
+    offsets: np.ndarray  # (n, 3), remainder of the points on the baseline, round-off (m)
 
     @classmethod
     def of(
@@ -174,7 +174,7 @@ class BodyPoints:
         return BodyState(self, self.forward(surface) + self.offsets)
 
     def forward(self, moves: np.ndarray) -> np.ndarray:
-        """Moves of the points, shape (n, 3), with those of the nodes, shape (n_nodes, 3)."""
+        """Displacements of the points, shape (n, 3), from displacements of the nodes, shape (n_nodes, 3)."""
         return self.weights @ np.concatenate([moves, self.means @ moves])
 
     def adjoint(self, bar: np.ndarray) -> np.ndarray:
@@ -205,7 +205,7 @@ class BodyState:
 
 
 def require_contained(body: Body, points: np.ndarray, what: str) -> np.ndarray:
-    """Return points, shape (n, 3), all of which are inside a body or on its surface."""
+    """Return points, shape (n, 3), if all are inside a body or on its surface."""
     points = as_finite_points(points, len(points), what)
     outside = np.flatnonzero(~body.contains(points))
     if len(outside):

@@ -1,4 +1,4 @@
-"""Boundary faces of the segments of a grid, and the planes that some of them share, as corners of spans see them."""
+"""Boundary faces of the segments of a grid, and the planes that some of them share, for the corners of spans."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .planes import PlaneNormal
 __all__ = ["BoundaryFace", "boundary_faces"]
 
 PLANAR = 1e-5
-"""A face is planar where its corners leave the plane by less than this part of its size: single precision of files."""
+"""A face is planar if its corners leave the plane by less than this fraction of its size: single-precision files."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoundaryFace:
-    """A boundary face of a segment: quads of corners, and nodes that are held; which corners see it, and its plane."""
+    """A boundary face of a segment: its quads of corners and its nodes, which corners see it, and its plane."""
 
     quads: np.ndarray
     rows: np.ndarray
@@ -31,18 +31,18 @@ class BoundaryFace:
 
 
 def boundary_faces(numbering: NodeNumbering, ids: Sequence[np.ndarray], points: np.ndarray) -> list[BoundaryFace]:
-    """Gather the boundary faces; those of one plane have quads whose areas point to one side."""
+    """Gather the boundary faces; areas of quads of faces in one plane point to one side."""
     numbers: dict[tuple, int] = {}
     topology, faces = numbering.topology, []
     size = np.linalg.norm(np.ptp(points, axis=0))
-    tied = tied_sides(topology)  # nodes of these are as those within
+    tied = tied_sides(topology)  # their nodes count as inner ones
     sides = [
         (face, number, side, np.take(ids[number], -(side % 2), axis=side // 2))
         for face, number, side in boundary_sides(topology)
         if (number, side) not in tied
     ]
     parts = [points[corners.ravel()] for face, _, _, corners in sides if face.kind == "symmetry"]
-    near, mirrors = near_enough(parts), iter(mean_planes(parts))  # of symmetry, which may be rough
+    near, mirrors = near_enough(parts), iter(mean_planes(parts))  # planes of symmetry, which may be rough
     for face, number, side, corners in sides:
         rows = numbering.numbers_of(face_rows(topology, topology.segments[number].face(side)).ravel())
         quads, plane = quads_in_turn(corners), None

@@ -1,12 +1,13 @@
 """Points of a wall that are closest to given points: local minima of the distance, with smooth weights.
 
-There is one closest point beside a smooth or convex wall; in a concave corner, a cove or a gap there are several, and
-the nearest one jumps where two are equally near. So a point takes all local minima of its distance up to a few
-times as far as the nearest, with weights that come in smoothly. Whether a place is one is a matter of the surface
-alone, not of its reach: beside a nose with narrow faces, which reach less far, no farther place steps in.
+Next to a smooth or convex wall there is one closest point. In a concave corner, a cove or a gap there are several, and
+the nearest one jumps where two are equally near. So a point uses all local minima of its distance up to a few times as
+far as the nearest, with weights that set in smoothly. Whether a place is a local minimum depends only on the surface,
+not on its reach: next to a nose with narrow faces, which reach less far, no farther place takes over.
 
-Triangles are kept in a complete binary tree of boxes, halved along the longest side of their centres' box, to which
-normals count as well. Where the cone of a box's normals has no way to a point, it holds no minimum, and is left out.
+Triangles are stored in a complete binary tree of boxes, halved along the longest side of the box of their centres,
+where normals count as further coordinates. If no direction in the cone of a box's normals leads to a point, the box has
+no minimum and is skipped.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -25,11 +26,11 @@ from .settings import LAYER
 __all__ = ["ClosestPoints", "TriangleTree", "smooth_corners"]
 
 LEAF = 4
-"""Triangles in a box that is not halved, at most."""
+"""Most triangles in a box that is not halved."""
 
 TURN = 0.25
-"""Part of the size of a surface that normals one apart count as when its triangles are halved: else boxes hold both
-sides of a thin wing, and their cones say nothing."""
+"""Length, relative to the size of a surface, that a difference of one between normals counts as when its triangles are
+halved: otherwise boxes contain both sides of a thin wing, and their cones exclude nothing."""
 
 CHUNK_POINTS = 2**12
 """Points per piece of work."""
@@ -37,14 +38,14 @@ CHUNK_POINTS = 2**12
 
 @dataclass(frozen=True, eq=False)
 class ClosestPoints:
-    """Closest points of some points on a surface; points far from it have none."""
+    """Closest points on a surface of some points; points far from it have none."""
 
     points: np.ndarray  # (n,) of int, numbers of the points that have closest points
     starts: np.ndarray  # (n + 1,) of int, first closest point of each
     triangles: np.ndarray  # (m,) of int, triangle that each closest point is in, the nearest one of a point first
     barycentric: np.ndarray  # (m, 3), weights of the triangle's corners there, which sum to one
-    # (m,), how much the point follows the surface at each: those of a point sum to one on the surface, and to zero from
-    # the surface's reach on
+    # (m,), how much the point follows the surface at each: the weights of a point sum to one on the surface, and to
+    # zero beyond the surface's reach
     weights: np.ndarray
 
     def with_wall_nodes(self, tree: TriangleTree, n_wall: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -64,7 +65,7 @@ class ClosestPoints:
         )
 
     def slopes(self, tree: TriangleTree, points: np.ndarray) -> np.ndarray:
-        """Heights of points above their nearest closest points by the distances of these from the nearest corners."""
+        """Heights of points above their nearest closest points divided by these points' distances from corners."""
         first = self.starts[:-1]
         corners = tree.points[tree.triangles[self.triangles[first]]]
         at = np.einsum("nk,nkd->nd", self.barycentric[first], corners)
@@ -80,15 +81,14 @@ class TriangleTree:
     # (n_triangles, 3) of int, corners of every triangle, in the order of the tree, around the normal into the fluid
     triangles: np.ndarray
     reach: np.ndarray  # (n,), distance (m) up to which points follow the surface, at its corners
-    # (2 n_leaves, 6), lower and upper corner of every box; box k holds boxes 2 k and 2 k + 1, the first of all is
-    # number 1
+    # (2 n_leaves, 6), lower and upper corner of every box; box k contains boxes 2 k and 2 k + 1, the root is number 1
     boxes: np.ndarray
     far: np.ndarray  # (2 n_leaves,), largest reach in every box
     cones: np.ndarray  # (2 n_leaves, 9), cones of normals in every box, see `.normal_cones`
-    # (n_triangles, 4, 4), plane of every triangle, and those through its sides across it: unit normal, outwards for
-    # sides, and distance from the origin along it (m)
+    # (n_triangles, 4, 4), plane of every triangle, and the planes through its sides across it: unit normal, outwards
+    # for sides, and distance from the origin along it (m)
     planes: np.ndarray
-    cosines: np.ndarray  # (n_triangles,), those of the cone of every triangle
+    cosines: np.ndarray  # (n_triangles,), cosine of the cone of every triangle
     leaf_starts: np.ndarray  # (n_leaves + 1,) of int, first triangle of every leaf
     around_starts: np.ndarray  # (n + 1,) of int, first triangle around every corner
     around: np.ndarray  # (3 n_triangles,) of int, triangles around corners
@@ -96,21 +96,13 @@ class TriangleTree:
 
     @classmethod
     def of(
-        cls, points: np.ndarray, quads: np.ndarray, reach: np.ndarray, farthest: float = LAYER.farthest
+        cls,
+        points: np.ndarray,  # (n, 3), corners (m)
+        quads: np.ndarray,  # int (n_quads, 4), corners of every quad in order, around the normal into the fluid
+        reach: np.ndarray,  # (n,), distance (m) up to which points follow the surface, at its corners
+        farthest: float = LAYER.farthest,  # see `bspline_mdao.core.walls.settings.LayerSettings`
     ) -> TriangleTree:
-        """Halve the quads of a surface along their shorter diagonals and sort the halves, but for those without area.
-
-        Parameters
-        ----------
-        points : ndarray, shape (n, 3)
-            Corners (m).
-        quads : ndarray of int, shape (n_quads, 4)
-            Corners of every quad in turn, around the normal into the fluid.
-        reach : ndarray, shape (n,)
-            Distance (m) up to which points follow the surface, at its corners.
-        farthest : float
-            See `bspline_mdao.core.walls.settings.LayerSettings`.
-        """
+        """Halve the quads of a surface along their shorter diagonals and sort the triangles that have an area."""
         triangles = _halves(points, quads)
         corners = points[triangles]
         middles = 0.5 * (corners.min(axis=1) + corners.max(axis=1))
@@ -118,7 +110,7 @@ class TriangleTree:
         order, starts = _sorted_in_halves(np.concatenate([middles, TURN * size * unit_normals(corners)], axis=1))
         triangles, corners = np.ascontiguousarray(triangles[order], dtype=np.int32), corners[order]
         lower, upper, far = corners.min(axis=1), corners.max(axis=1), reach[triangles].max(axis=1, initial=0.0)
-        if not len(triangles):  # one box that nothing is near to
+        if not len(triangles):  # one box, infinitely far from everything
             lower, upper, far = np.full((1, 3), np.inf), np.full((1, 3), -np.inf), np.zeros(1)
         box = np.concatenate([lower, -upper], axis=1)
         levels = [(np.minimum.reduceat(box, starts[:-1]), np.maximum.reduceat(far, starts[:-1]))]
@@ -182,7 +174,7 @@ def _halves(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
 
 
 def _planes_of(corners: np.ndarray) -> np.ndarray:
-    """Plane of each triangle, and those through its sides across it, shape (n_triangles, 4, 4)."""
+    """Plane of each triangle, and the planes through its sides across it, shape (n_triangles, 4, 4)."""
     planes, normals = np.empty((len(corners), 4, 4)), unit_normals(corners)
     planes[:, 0, :3] = normals
     for side in range(3):
@@ -194,7 +186,7 @@ def _planes_of(corners: np.ndarray) -> np.ndarray:
 
 
 def _sorted_in_halves(centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Order of points, shape (n, n_axes), and the first of every leaf, when they are halved again and again."""
+    """Order of points, shape (n, n_axes), and the first of every leaf, after repeated halving."""
     order, starts = np.arange(len(centres)), np.array([0, len(centres)])
     while np.diff(starts).max() > LEAF:
         x = centres[order]

@@ -1,4 +1,4 @@
-"""The search of the closest points of a wall, compiled: see `.closest_points` for what they are.
+"""The compiled search for the closest points of a wall, which `.closest_points` defines.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -14,11 +14,11 @@ from .triangle_places import SAME_DISTANCE, closest_place, is_minimum, is_on_flu
 __all__ = ["MAX_CLOSEST", "fade", "find_closest"]
 
 MAX_CLOSEST = 4
-"""Closest points of a point, at most."""
+"""Most closest points of a point."""
 
 SAME_POINT = 1e-4
-"""Closest points that are nearer to each other than this part of the distance are the same: those of two triangles that
-share an edge differ by round-off."""
+"""Closest points that are nearer to each other than this fraction of the distance are the same: on two triangles that
+share an edge they differ by round-off."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -48,8 +48,8 @@ def _reach_at(reach, triangles, t, u, v, w):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _within_reach(x, y, z, points, triangles, reach, boxes, far, leaf_starts, stack):
-    """Any triangle that a point is within the reach of; -1 where there is none."""
-    whole = np.int64(1)  # the box of all; numba would compile for the literal number once more
+    """Any triangle that has a point within its reach; -1 if there is none."""
+    whole = np.int64(1)  # the root box; numba would compile again for the literal number
     if _box_square(boxes, whole, x, y, z) >= far[whole] * far[whole]:
         return -1  # as for most nodes of a mesh
     n_leaves = len(leaf_starts) - 1
@@ -78,10 +78,10 @@ def _within_reach(x, y, z, points, triangles, reach, boxes, far, leaf_starts, st
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _bounds(nearest, farthest, round_off):
-    """Distances of what is as near as the nearest, and of what may be; squared distance up to which all may weigh."""
+    """Distances of equally near places, certain and possible; squared distance up to which a place may have weight."""
     same = np.sqrt(nearest) * (1.0 + SAME_DISTANCE) + round_off
-    apart = max(same, 1e7 * round_off)  # nearer than that, round-off decides which triangle is the nearest
-    return same, apart, farthest**2 * (nearest + round_off**2)  # else round-off could leave out the nearest itself
+    apart = max(same, 1e7 * round_off)  # below this, round-off decides which triangle is the nearest
+    return same, apart, farthest**2 * (nearest + round_off**2)  # otherwise round-off could leave out the nearest itself
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -109,11 +109,11 @@ def _collect(
     stack,
     left,
 ):
-    """Find the nearest triangle, and those with p in their reach that are local minima or as near; p = (x, y, z)."""
+    """Find the nearest triangle, and those with p = (x, y, z) in reach that are local minima or as near."""
     # Returns the number of the latter, the nearest triangle and its squared distance. The search starts from the
-    # distance of triangle ``start``; what it takes before the nearest is known, and is too far away, has no weight.
-    # Where there is no more room, the number says how many there would be. Of a thousand triangles about a smooth wall
-    # all but a few have a nearer neighbour: these are not kept.
+    # distance of triangle ``start``; a place that is taken before the nearest is known, and is too far, has no weight.
+    # If there is no more room, the number is how many there would be. Of a thousand triangles about a smooth wall all
+    # but a few have a nearer neighbour, and are not kept.
     n_leaves = len(leaf_starts) - 1
     nearest, u, v, w = closest_place(points, triangles, start, x, y, z)
     first = start
@@ -146,7 +146,7 @@ def _collect(
             continue
         for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
             height, cosine, aside = _above(planes, t, 0, x, y, z), cosines[t], 0.0
-            if cosine > 0.0:  # most are left out before their closest point is known
+            if cosine > 0.0:  # most are skipped before their closest point is computed
                 for side in range(1, 4):
                     aside = max(aside, _above(planes, t, side, x, y, z))
                 least = height * height + aside * aside
@@ -194,7 +194,7 @@ def find_closest(
     out_barycentric,
     out_weights,
 ):
-    """Find the closest points of points ``part`` and their weights; all from ``counts`` on is overwritten."""
+    """Find the closest points of points ``part`` and their weights; arguments from ``counts`` on are overwritten."""
     found, order, squares = np.empty(64, dtype=np.int64), np.empty(64, dtype=np.int64), np.empty(64)
     distances, barycentric = np.empty(64), np.empty((64, 3))
     closest, away = np.empty(MAX_CLOSEST, dtype=np.int64), np.empty((MAX_CLOSEST, 3))
@@ -203,7 +203,7 @@ def find_closest(
     start, round_off = np.int64(-1), 1e-13 * size
     for i in range(len(part)):
         x, y, z = part[i, 0], part[i, 1], part[i, 2]
-        # first any that it is within the reach of, as that nearest to the point before, then all that may have a weight
+        # first any with the point in its reach, such as the previous point's nearest, then all that may have a weight
         is_near = False
         if start >= 0:
             square, u, v, w = closest_place(points, triangles, start, x, y, z)
@@ -305,7 +305,7 @@ def _choose(
     closest,
     away,
 ):
-    """Choose the closest points of a point among what was found; the nearest first, if it was found."""
+    """Choose the closest points of a point among the found places; the nearest first, if it was found."""
     for k in range(n):
         distances[k] = np.sqrt(squares[k])
         place = k
@@ -313,7 +313,7 @@ def _choose(
             order[place] = order[place - 1]
             place -= 1
         order[place] = k
-    # of coincident surfaces, the one whose fluid the point is in; by their order in the tree where both or none are
+    # of coincident surfaces, the one with the point on its fluid side; the first in the tree if both or neither
     for rank in range(n):
         k = order[rank]
         if distances[k] > same:
@@ -344,7 +344,7 @@ def _choose(
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _is_another(n_closest, near, away):
-    """Whether a place is farther than that from all that were chosen before."""
+    """Whether a place is farther than this from all that were chosen before."""
     for other in range(n_closest):
         square = 0.0
         for d in range(3):
@@ -366,8 +366,8 @@ def _set_weights(
     n_closest, nearest, farthest, closest, away, found, squares, barycentric, triangles, reach, fades, sizes, weights
 ):
     """Set the weights of the closest points; return the number of those that have one."""
-    # 1. A weight fades with the distance relative to the reach, and with that relative to the nearest place's.
-    # 2. Points in nearly the same direction, as beside the edge between two facets, get the weight of one.
+    # 1. A weight fades with the distance relative to the reach, and relative to the distance of the nearest place.
+    # 2. Points in nearly the same direction, as next to the edge between two facets, share the weight of one.
     # 3. The weights sum to one on the surface, and fade with the reach.
     total, n_weighted = 0.0, 0
     for k in range(n_closest):  # step 1
@@ -386,7 +386,7 @@ def _set_weights(
         weights[k] = sizes[k] / n_alike
         total += weights[k]
     for k in range(n_closest):  # step 3
-        weight = weights[k] / max(total, 1e-300) * fades[k]  # 1e-300: of weights that have faded all the way
+        weight = weights[k] / max(total, 1e-300) * fades[k]  # 1e-300: all weights may have faded to zero
         if weight > 0.0:
             weights[n_weighted], closest[n_weighted] = weight, closest[k]
             n_weighted += 1

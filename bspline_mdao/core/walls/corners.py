@@ -1,18 +1,18 @@
-"""Points between several walls, as in the corner of a wing and a body: they keep their heights above each of these.
+"""Points between several walls, as in the corner of a wing and a body: they keep their heights above each wall.
 
-Each closest point k of such a point takes it to a place T_k, and keeps its height above the wall there, not that above
-the others: where the angle between two walls changes by 10 degrees, the mean m of the T_k by the weights b_k misses the
-heights of first cells by 9 %. So the place that is followed is the one near m that keeps all, m + e with
+Each closest point k of such a point takes it to a place T_k, and keeps its height above the wall there, but not above
+the others: if the angle between two walls changes by 10 degrees, the mean m of the T_k with the weights b_k misses the
+heights of first cells by 9 %. So the place that is followed is m + e, near m, which keeps all heights. Here
 
     e minimises  sum_k b_k (n'_k . (e - c_k (T_k - m)))^2 + E |e|^2,  or
     (sum_k b_k n'_k (x) n'_k + E I) e = sum_k b_k c_k n'_k (n'_k . (T_k - m)),
 
-where n'_k is the wall's normal after the move: the vector from the closest point to the point, as the cofactors of G
-turn it (a matrix G turns vectors, its cofactors the normals of areas). In a plane that the point stays in, what counts
-of a normal is its component along the plane. Heights above the wall that a point follows most are kept, c_k = 1; those
-above another as much as it follows that one, or where a point far from one wall and a first cell off the other begins
-to keep both, cells fold. Where walls move as one body, e is zero. It cannot keep both heights between the opposite
-walls of a gap, and leaves the mean there.
+and n'_k is the wall's normal after the move: the vector from the closest point to the point, turned by the cofactors of
+G (a matrix G turns vectors, its cofactors turn the normals of areas). In a plane that the point stays in, only the
+component of a normal along the plane counts. Heights above the wall that a point follows most are kept, c_k = 1.
+Heights above another wall are kept as much as the point follows it; otherwise cells fold where a point far from one
+wall and a first cell off the other begins to keep both. If walls move as one body, e is zero. The point cannot keep
+both heights between the opposite walls of a gap, and stays at the mean there.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -26,11 +26,11 @@ import numpy as np
 __all__ = ["Corners", "CornersMoved"]
 
 DEVIATION = 0.001
-"""E. Small, so that heights in the corner are kept to 0.5 % of what the mean misses them by, 3 % with 0.01; not zero,
-since two normals alone do not determine a place."""
+"""E. Small: heights in the corner are kept to 0.5 % of the mean's error, to 3 % with 0.01. Not zero, since two normals
+do not determine a place."""
 
 ON_WALL = 1e-12
-"""Distance from the wall, by its size, up to which a point is on it: the way to it is round-off."""
+"""Distance from the wall, relative to its size, up to which a point is on it: the vector to it is round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +42,10 @@ class Corners:
     at: np.ndarray  # int (m,), the point of each closest point, among `rows`
     ids: np.ndarray  # int (m, 3), nodes of the wall: corners of the triangles of the closest points
     barycentric: np.ndarray  # (m, 3), where in their triangles these are
-    # (m, 3), weights of the nodes: the barycentric coordinates, or those with which points turn about the nodes
+    # (m, 3), weights of the nodes: the barycentric coordinates, or the weights with which points turn about the nodes
     weights: np.ndarray
     by_corners: np.ndarray  # bool (m,), whether points turn about the nodes, and not about the closest points
-    fractions: np.ndarray  # (m,), weights of the closest points, b_k; those of a point sum to one
+    fractions: np.ndarray  # (m,), weights of the closest points, b_k, which sum to one for each point
     kept: np.ndarray  # (m,), how much of the heights above them is kept, c_k
     seen: np.ndarray  # (m, 3, 3), onto the planes that the points stay in, times the square roots of the fractions
     follows: np.ndarray  # (n, 3, 3), onto these planes, times how much the points follow
@@ -54,17 +54,17 @@ class Corners:
     def of(
         cls,
         wall: np.ndarray,  # (n_wall, 3), nodes of the wall (m)
-        points: np.ndarray,  # (n_points, 3), points, the following among them (m)
+        points: np.ndarray,  # (n_points, 3), all points, including the following ones (m)
         rows: np.ndarray,  # int (n_rows,), points with several closest points
         counts: np.ndarray,  # int (n_rows,), closest points of each
         ids: np.ndarray,  # int (m_all, 3), nodes of the wall at the corners of the triangles of these
         barycentric: np.ndarray,  # (m_all, 2), the first two of their barycentric coordinates
-        weights: np.ndarray,  # (m_all, 2), those of the weights with which points turn
+        weights: np.ndarray,  # (m_all, 2), the first two weights with which points turn
         follows: np.ndarray,  # (m_all,), how much points follow each closest point
         by_corners: np.ndarray,  # bool (n_rows,), whether they turn about corners
         projectors: np.ndarray,  # (n_rows, 3, 3), onto the planes that they stay in
     ) -> Corners:
-        """Take the points, but for those on the wall."""
+        """Take the points, except those on the wall."""
         barycentric, weights = (np.column_stack([each, 1.0 - each.sum(axis=1)]) for each in (barycentric, weights))
         ways = np.repeat(points[rows], counts, axis=0) - np.einsum("kn,knd->kd", barycentric, wall[ids])
         nearest = np.minimum.reduceat(np.linalg.norm(ways, axis=1), np.cumsum(counts) - counts)
@@ -82,7 +82,7 @@ class Corners:
             weights=weights[kept],
             by_corners=by_corners[is_off][at],
             fractions=fractions,
-            kept=1.0 - np.maximum(1.0 - 2.0 * fractions, 0.0) ** 4,  # a half is most, between two walls
+            kept=1.0 - np.maximum(1.0 - 2.0 * fractions, 0.0) ** 4,  # a half is the most, between two walls
             seen=np.sqrt(fractions)[:, None, None] * planes[at],
             follows=totals[:, None, None] * planes,
         )
@@ -95,7 +95,7 @@ class Corners:
         wall_moved: np.ndarray,
         matrices: np.ndarray,
     ) -> CornersMoved:
-        """Find where the points go beside the mean of what their closest points ask for."""
+        """Find the displacements of the points from the mean of the places of their closest points."""
         turned = matrices[self.ids]
         up, arms = self._vectors(initial, wall_initial)
         places = self._means(wall_moved[self.ids] + _times(turned, arms))
@@ -109,13 +109,13 @@ class Corners:
         return CornersMoved(self, turned, up, arms, lengths, units, normals, stiffness, left, left + apart)
 
     def _vectors(self, initial: np.ndarray, wall: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Vectors to the points from their closest points, (m, 3), and what they turn about, (m, 3, 3); linear."""
+        """Vectors to the points from their closest points, (m, 3), and their centres of rotation, (m, 3, 3); linear."""
         points, nodes = initial[self.rows][self.at], wall[self.ids]
         up = points - np.einsum("kn,knd->kd", self.barycentric, nodes)
         return up, np.where(self.by_corners[:, None, None], points[:, None] - nodes, up[:, None])
 
     def _means(self, values: np.ndarray) -> np.ndarray:
-        """Means over the nodes of the wall by their weights, shape (m, 3)."""
+        """Weighted means over the nodes of the wall, shape (m, 3)."""
         return np.einsum("kn,knd->kd", self.weights, values)
 
     def _sums(self, values: np.ndarray) -> np.ndarray:
@@ -123,7 +123,7 @@ class Corners:
         return np.add.reduceat(values, self.starts, axis=0)
 
     def _apart(self, places: np.ndarray) -> np.ndarray:
-        """Vectors from the means of places by their fractions to these, by how much they are kept, shape (m, 3)."""
+        """Vectors from the weighted means of places to the places, times how much they are kept, shape (m, 3)."""
         return self.kept[:, None] * (places - self._sums(self.fractions[:, None] * places)[self.at])
 
 
@@ -134,8 +134,8 @@ class CornersMoved:
     of: Corners  # the points
     turned: np.ndarray  # (m, 3, 3, 3), matrices of the nodes of the wall, G
     up: np.ndarray  # (m, 3), vectors from the closest points to the points before the move (m)
-    arms: np.ndarray  # (m, 3, 3), vectors to the points from what they turn about (m)
-    lengths: np.ndarray  # (m,), of the turned vectors before they are normals
+    arms: np.ndarray  # (m, 3, 3), vectors to the points from their centres of rotation (m)
+    lengths: np.ndarray  # (m,), lengths of the turned vectors before normalisation
     units: np.ndarray  # (m, 3), normals n'_k
     normals: np.ndarray  # (m, 3), their components along planes, times the square roots of the fractions
     stiffness: np.ndarray  # (n, 3, 3), matrices of the least squares problems
@@ -148,14 +148,14 @@ class CornersMoved:
 
     def add_jvp(
         self,
-        # changes of what `Corners.moved` takes; of points and wall before the move, None for none
+        # changes of the arguments of `Corners.moved`; None for no change of points and wall before the move
         d_initial: np.ndarray | None,
         d_wall_initial: np.ndarray | None,
         d_wall_moved: np.ndarray,
         d_matrices: np.ndarray,
         change: np.ndarray,  # (n_points, 3)
     ) -> None:
-        """Add the change of e to that of the points."""
+        """Add the change of e to the change of the points."""
         of, d_turned = self.of, d_matrices[self.of.ids]
         places, areas = d_wall_moved[of.ids] + _times(d_turned, self.arms), _products(self.turned, d_turned)
         areas = _times(areas, self.up[:, None])
@@ -172,8 +172,8 @@ class CornersMoved:
     def add_vjp(
         self,
         bar: np.ndarray,  # (n, 3), derivative of a scalar with respect to the points in corners
-        # what derivatives are added to: those with respect to the wall's nodes and matrices after the move, and to
-        # points and wall before it, shapes as of `Corners.moved`; None where these are not wanted
+        # derivatives to add to, with respect to the wall's nodes and matrices after the move, and to points and wall
+        # before it, shapes as for `Corners.moved`; None if not wanted
         wall_moved_bar: np.ndarray,
         matrices_bar: np.ndarray,
         initial_bar: np.ndarray | None = None,
@@ -199,11 +199,11 @@ class CornersMoved:
             self._add_vectors_vjp(up_bar, arms_bar, initial_bar, wall_initial_bar)
 
     def _add(self, values: np.ndarray, nodes: np.ndarray) -> None:
-        """Add values of the points in corners to nodes, as much as they follow."""
+        """Add values of the points in corners to nodes, in proportion to how much they follow."""
         nodes[self.of.rows] += _times(self.of.follows, values)
 
     def _along_units(self, areas: np.ndarray) -> np.ndarray:
-        """Change of unit vectors with that of what they are the direction of; its own transpose."""
+        """Change of unit vectors with a change of the vectors before normalisation; its own transpose."""
         return (areas - np.sum(areas * self.units, axis=1)[:, None] * self.units) / self.lengths[:, None]
 
     def _add_vectors_vjp(
@@ -229,6 +229,6 @@ def _outer(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _products(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Bilinear form of matrices of which half at two equal ones is their cofactors; in each, its own transpose."""
+    """Bilinear form of matrices that is twice the cofactors at equal arguments; in each, its own transpose."""
     after, last = ([np.roll(part, -n, axis=-2) for part in (one, other)] for n in (1, 2))
     return np.cross(after[0], last[1]) + np.cross(after[1], last[0])

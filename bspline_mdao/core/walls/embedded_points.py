@@ -1,12 +1,12 @@
 """Points that were not fitted, such as the nodes of an unstructured mesh, embedded in the control mesh of a grid.
 
-A point keeps its parameters (`bspline_mdao.core.evaluation.inversion`): y = A b + d, with d its offset from the mesh on
-the baseline, zero for a point inside. Near a wall it then follows the wall as the nodes of the grid do,
+A point keeps its parameters (`bspline_mdao.core.evaluation.inversion`): y = A b + d, where d is its offset from the
+mesh on the baseline, zero for a point inside. Near a wall it then follows the wall as the nodes of the grid do,
 
     x = layer(y; x0, w),
 
-with the wall nodes w of the grid, so that embedded points and grid move alike there. Points on planes that walls end on
-stay in them. The parameters of a point, and the wall that it is near, are those of the baseline and stay.
+with the wall nodes w of the grid, so embedded points and grid move alike there. Points on planes that walls end on stay
+in them. The parameters of a point, and the wall that it is near, are found on the baseline and stay.
 
 Points inside the body, where there are no volumes, ride on the walls (`.body_points`).
 
@@ -35,7 +35,7 @@ from .layer import Followed, WallFollowing, WallLayer
 __all__ = ["EmbeddedPoints", "EmbeddedState", "planes_of"]
 
 ON_PLANE = 1e-9
-"""A point nearer to a plane than this part of the size of the grid lies in it: coordinates are rounded in files."""
+"""A point this near to a plane, relative to the size of the grid, lies in it: files round coordinates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,18 +45,18 @@ class EmbeddedPoints(OneLine):
     grid_map: GridMap  # map to the grid, whose walls they follow
     evaluator: Evaluator  # A of the points
     points: np.ndarray  # (n, 3), the points on the baseline (m)
-    in_volume: np.ndarray  # (n_in_volume,) of int, numbers of those in the volumes
+    in_volume: np.ndarray  # (n_in_volume,) of int, numbers of the points in the volumes
     offsets: np.ndarray  # (n_in_volume, 3), their offsets from the mesh there (m)
-    following: WallFollowing | None  # those of them that follow walls of the grid
+    following: WallFollowing | None  # the ones that follow walls of the grid
     in_body: np.ndarray  # (n_in_body,) of int, numbers of the others, inside the body
-    body: BodyPoints | None  # what these ride on
+    body: BodyPoints | None  # the map that these follow
     wall_rows: np.ndarray  # (n_wall,) of int, rows of the nodes of the walls in the grid
 
     inputs = (CONTROL_POINTS, GRID)
 
     @property
     def is_linear(self) -> bool:
-        """Whether none follows walls: all are linear in the control points and nodes."""
+        """Whether no point follows walls: all are linear in the control points and nodes."""
         return self.following is None
 
     @classmethod
@@ -84,7 +84,7 @@ class EmbeddedPoints(OneLine):
         if grid_map.following is not None:
             planes = planes_of(grid_map, points[in_volume])
             layer = WallLayer.of(grid_map.following.layer.wall, points[in_volume], planes=planes)
-            if layer.pieces:  # none follows a wall without
+            if layer.pieces:  # without pieces, no point follows a wall
                 following = replace(grid_map.following, layer=layer)
         rows = np.zeros(0, dtype=int)
         if walls is not None and in_body.any():
@@ -97,7 +97,7 @@ class EmbeddedPoints(OneLine):
         # (n_nodes, 3), the nodes of ``grid_map`` at these control points (m); places of wall nodes may have been given
         grid: np.ndarray,
     ) -> EmbeddedState:
-        """Return the points beside a grid."""
+        """Points that belong to a grid."""
         nodes, followed = np.empty_like(self.points), None
         places = self.evaluator.forward(control_points) + self.offsets
         if self.following is not None:
@@ -110,11 +110,11 @@ class EmbeddedPoints(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class EmbeddedState:
-    """Embedded points beside a grid, and their derivative."""
+    """Embedded points that belong to a grid, and their derivative."""
 
     of: EmbeddedPoints  # the map
     nodes: np.ndarray  # (n, 3), the points (m)
-    followed: Followed | None  # those that followed walls
+    followed: Followed | None  # the points that followed walls
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -125,7 +125,7 @@ class EmbeddedState:
         self,
         # (n_control_points, 3), change of the control points; none by default
         control_points: np.ndarray | None = None,
-        grid: np.ndarray | None = None,  # (n_nodes, 3), that of the grid with them, by `GridState.jvp`; none by default
+        grid: np.ndarray | None = None,  # (n_nodes, 3), their change of the grid, by `GridState.jvp`; none by default
     ) -> np.ndarray:
         """Change of the embedded points, shape (n, 3)."""
         of, change = self.of, np.zeros_like(self.nodes)
@@ -160,7 +160,7 @@ class EmbeddedState:
 
 
 def _rides(body: Body, points: np.ndarray, inversion: PointInversion) -> np.ndarray:
-    """Whether points ride on the walls: those that are nodes of them, and those outside the volumes and inside them."""
+    """Whether points ride on the walls: nodes of walls, and points inside the walls and outside the volumes."""
     rides = body.is_node(points)
     outside = np.flatnonzero(~inversion.is_inside & ~rides)
     rides[outside] = body.contains(points[outside])
@@ -180,7 +180,7 @@ def _require_found(inversion: PointInversion, numbers: np.ndarray, n_points: int
 
 
 def planes_of(grid_map: GridMap, points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Points in the planes that walls end on, and the normals of these."""
+    """Points in the planes that walls end on, and the planes' normals."""
     planes: list[tuple[np.ndarray, np.ndarray]] = []
     following, size = grid_map.following, np.linalg.norm(np.ptp(grid_map.nodes, axis=0))
     if following is None or following.planes is None:

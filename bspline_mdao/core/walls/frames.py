@@ -1,18 +1,18 @@
-"""Rotations of the layer at a wall: those of its surroundings, corrected so that heights above the wall are kept.
+"""Rotations of the layer at a wall: the rotations of its neighbourhood, corrected to keep heights above the wall.
 
-A rotation keeps the height of a point above a wall if it turns the wall's normal with the wall. It cannot where the
-normal may not turn freely, in a plane of symmetry that the wall meets at another angle after the move, or where there
-are two, on an edge whose angle changes. So the matrix G of a point is the one next to its rotation R that takes the
-unit normals n' of the sides of the wall there back to those on the baseline, n::
+A rotation keeps the height of a point above a wall if it turns the wall's normal with the wall. It cannot if the normal
+may not turn freely, in a plane of symmetry that the wall meets at another angle after the move, or if there are two
+normals, on an edge whose angle changes. So the matrix G of a point is the matrix nearest to its rotation R that takes
+the unit normals n' of the sides of the wall there back to the normals n on the baseline::
 
     G minimises  sum_s w_s |G^T n'_s - n_s|^2 + E |G - R|^2,  or
     (sum_s w_s n'_s (x) n'_s + E I) G = sum_s w_s n'_s (x) n_s + E R,
 
-so that the height (G d) . n' of a point at d is d . n. A *side* is a part of the wall with one normal at each of its
-points: the sum of the areas of its quads around the point. Every face is a side. Where it is folded upon itself, as a
-C-grid's is at a sharp trailing edge, it is two. The weight w is the ratio of the squared length of the sum to the
-squared sum of the lengths on the baseline. In a plane of symmetry, what counts of a normal is its component along the
-plane. Where nothing is bent, G is R.
+so the height (G d) . n' of a point at d is d . n. A *side* is a part of the wall with one normal at each of its points:
+the sum of the areas of its quads around the point. Every face is a side. A face that is folded upon itself, as in a
+C-grid at a sharp trailing edge, is two sides. The weight w is the ratio of the squared length of the sum to the squared
+sum of the lengths on the baseline. In a plane of symmetry, only the component of a normal along the plane counts. Where
+nothing is bent, G is R.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -41,12 +41,12 @@ areas that cancel leave round-off."""
 class WallFrames:
     """Matrices that turn the layer above each node of a wall. Made by `WallFrames.of`."""
 
-    rotations: LocalRotations  # rotations of the surroundings
+    rotations: LocalRotations  # rotations of the neighbourhood
     first_sides: np.ndarray  # (n + 1,) of int, first side at each node
     starts: np.ndarray  # (n_sides + 1,) of int, first corner of each side at its node
-    corners: np.ndarray  # (n_corners,) of int, four times the number of each corner's quad plus its place there
+    corners: np.ndarray  # (n_corners,) of int, four times the number of each corner's quad plus its place in the quad
     weights: np.ndarray  # (n_sides,), weight w of each side's normal
-    # (n_sides,), squares of negligible areas, added to the squared lengths of normals so that none is divided by zero
+    # (n_sides,), squares of negligible areas, added to the squared lengths of normals to avoid division by zero
     least_squares: np.ndarray
     in_planes: tuple[np.ndarray, ...] = ()  # of int, sides at the nodes in each of the rotations' planes
     rotation_weight: float = LAYER.rotation_weight  # E
@@ -55,12 +55,12 @@ class WallFrames:
     def of(
         cls,
         points: np.ndarray,  # (n, 3), nodes of the wall on the baseline (m)
-        quads: np.ndarray,  # (n_quads, 4) of int, corners of its quads in turn, around the normal into the fluid
-        # sequence of (ndarray of int, ndarray of shape (3,)) of int, nodes in planes that they must stay in, and the
-        # planes' normals
+        quads: np.ndarray,  # (n_quads, 4) of int, corners of its quads in order, around the normal into the fluid
+        # sequence of (ndarray of int, ndarray of shape (3,)), nodes in planes that they must stay in, and the planes'
+        # normals
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
         fixed: np.ndarray | None = None,  # of int, nodes that never turn
-        # (n_quads,) of int, number of the face that each quad belongs to; all are one by default
+        # (n_quads,) of int, number of the face that each quad belongs to; one face by default
         faces: np.ndarray | None = None,
         # number of threads; by default ``NUMBA_NUM_THREADS``. Results do not depend on it.
         n_threads: int | None = None,
@@ -86,15 +86,15 @@ class WallFrames:
         weights = np.divide(squares, total**2, out=np.zeros(len(total)), where=total > 0.0)
         weights[weights < KNIFE_EDGE**2] = 0.0
         in_planes = tuple(np.flatnonzero(np.isin(at[starts[:-1]], ids)) for ids, _ in rotations.planes)
-        least_squares = KNIFE_EDGE**2 * np.maximum(squares, 1e-300)  # 1e-300: of sides that have no area at all
+        least_squares = KNIFE_EDGE**2 * np.maximum(squares, 1e-300)  # 1e-300: a side may have no area
         sides = first_sides, starts, corners, weights, least_squares, in_planes
         return cls(rotations, *sides, settings.rotation_weight)
 
     def at(
         self,
-        initial: np.ndarray,  # initial, moved: (n, 3), nodes before and after it (m); real or complex
+        initial: np.ndarray,  # initial, moved: (n, 3), nodes before and after the move (m); real or complex
         moved: np.ndarray,
-        normals: np.ndarray | None = None,  # (n_planes, 3), unit normals of the planes after it; by default they stay
+        normals: np.ndarray | None = None,  # (n_planes, 3), unit normals of planes after it; by default they stay
     ) -> Frames:
         """Matrices of a move."""
         rotations = self.rotations.at(initial, moved, normals)
@@ -120,7 +120,7 @@ class WallFrames:
         return sums
 
     def _solve(self, stiffness: np.ndarray, right: np.ndarray) -> None:
-        """Solve for every node, in place of the right-hand sides."""
+        """Solve for every node, overwriting the right-hand sides."""
         self.rotations.over_points(_solve, stiffness, right)
 
 
@@ -132,7 +132,7 @@ class _Normals:
     units: np.ndarray  # (n_sides, 3), unit normals
     lengths: np.ndarray  # (n_sides,), lengths of the areas
     planes: np.ndarray  # (n_planes, 3), unit normals of the planes
-    seen: tuple[np.ndarray, ...]  # vectors in each plane, before their component normal to it was taken off
+    seen: tuple[np.ndarray, ...]  # vectors in each plane, before their component normal to it was removed
     vectors: np.ndarray  # (n_sides, 3), unit normals, without these components
 
     @classmethod
@@ -196,7 +196,7 @@ class Frames:
 
     def jvp(
         self,
-        # d_initial, d_moved: (n, 3), change of the nodes before and after the move; None for no change of those before
+        # d_initial, d_moved: (n, 3), change of the nodes before and after the move; None for no change before
         d_initial: np.ndarray | None,
         d_moved: np.ndarray,
         d_normals: np.ndarray | None = None,  # (n_planes, 3), change of the normals of the planes after the move
@@ -215,7 +215,7 @@ class Frames:
         return change
 
     def vjp(self, bar: np.ndarray, wrt: Collection[str] = MOVES) -> dict[str, np.ndarray]:
-        """Transpose of `jvp`, from shape (n, 3, 3): derivatives as of `Rotations.vjp`, with respect to the nodes."""
+        """Transpose of `jvp`, from shape (n, 3, 3): derivatives with respect to the nodes as in `Rotations.vjp`."""
         bar, before_bar, after_bar = self._back(bar)
         bars, of = self.rotations.vjp(bar, wrt), self.of.rotations
         areas_bar, normals_bar = self.after.vjp(after_bar)
@@ -249,7 +249,7 @@ def _group_starts(*keys: np.ndarray) -> np.ndarray:
 
 
 def _is_back(starts: np.ndarray, corners: np.ndarray, areas: np.ndarray, folded: float) -> np.ndarray:
-    """Whether the quad of each corner looks away from the first one of its group."""
+    """Whether the quad of each corner faces away from the first one of its group."""
     first = areas[corners[np.repeat(starts[:-1], np.diff(starts))] // 4]
     second = areas[corners // 4]
     lengths = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
@@ -285,7 +285,7 @@ def _normalise(vectors, least_squares, lengths):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _project_out(normals, lengths, change):
-    """Turn changes of vectors into those of their unit vectors, in place; its own transpose."""
+    """Turn changes of vectors into changes of their unit vectors, in place; its own transpose."""
     for s in range(len(normals)):
         along = normals[s, 0] * change[s, 0] + normals[s, 1] * change[s, 1] + normals[s, 2] * change[s, 2]
         for d in range(3):
@@ -305,11 +305,8 @@ def _sum_products(first_sides, weights, u, v, sums, piece):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _pull_normals(first_sides, weights, before, after, bar, matrices, before_bar, after_bar, piece):
-    """Derivatives with respect to the normals, from those with respect to C = sum w after (x) before in B G = C + E R.
-
-    With those with respect to B, which are -bar G^T, the normals after the move get
-    w (bar before - (bar G^T + G bar^T) after).
-    """
+    """Derivatives in the normals, from those in C = sum w after (x) before in B G = C + E R."""
+    # With derivatives -bar G^T in B, the normals after the move get w (bar before - (bar G^T + G bar^T) after).
     for i in range(piece[0], piece[1]):
         x, g = bar[i], matrices[i]
         for s in range(first_sides[i], first_sides[i + 1]):
@@ -328,7 +325,7 @@ def _pull_normals(first_sides, weights, before, after, bar, matrices, before_bar
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve(stiffness, right, piece):
-    """Solve symmetric systems of three with three right-hand sides each, in their place."""
+    """Solve symmetric 3 x 3 systems with three right-hand sides each, in place."""
     c, x = np.empty_like(stiffness[0]), np.empty_like(right[0])
     for i in range(piece[0], piece[1]):
         det = cofactors(stiffness[i], c)

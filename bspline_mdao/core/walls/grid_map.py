@@ -1,18 +1,18 @@
-"""The whole map from control points, and from wall nodes where their places are given, to the grid.
+"""The whole map from control points, and from wall nodes with given places, to the grid.
 
-    y = A b + T(b) r                    r: residual of the fit, turned with its surroundings (`.rotation_map`)
-    y <- y + E (w - y_wall)             w: wall nodes where they are to be; E fades over blocks (`.wall_correction`).
-                                        Of nodes that slide on fixed surfaces w is the closest point there to y, or
-                                        to where they are given (`bspline_mdao.core.sliding`)
+    y = A b + T(b) r                    r: residual of the fit, turned with its neighbourhood (`.rotation_map`)
+    y <- y + E (w - y_wall)             w: places for wall nodes; E fades over blocks (`.wall_correction`).
+                                        For nodes that slide on fixed surfaces w is the closest point there to y, or
+                                        to their given place (`bspline_mdao.core.sliding`)
     x = layer(y; x0, w)                 nodes near walls follow them as a rigid body (`.layer`)
     x <- x0 + P (x - x0)                nodes of periodic sides move alike
-                                        (`bspline_mdao.grids.topology.periodic_ties`), as the layer, which sees walls
-                                        beyond them (`.wall_images`), does but for rounding; so does y, as residuals are
-                                        smoothed on either side by themselves
+                                        (`bspline_mdao.grids.topology.periodic_ties`). The layer, which sees walls
+                                        beyond them (`.wall_images`), satisfies this up to rounding; y does not, as
+                                        residuals are smoothed on either side separately
 
 At the control points of the baseline it gives the baseline, and a rigid motion of all control points moves all nodes
-with it, to round-off. Without walls the layer is nothing, and without a residual there is none to turn. What is near
-which wall, and where in its span a node is, is that of the baseline and stays.
+with it, to round-off. Without walls there is no layer, and without a residual nothing to turn. Which nodes are near
+which wall, and the place of a node in its span, are found on the baseline and stay.
 
 Theory: ``docs/theory/wall_layer.rst``, ``docs/theory/asked_walls.rst``, ``docs/theory/sliding.rst``.
 """
@@ -49,17 +49,15 @@ class GridMap(OneLine):
     """The map from control points to the nodes of a grid. Made by `GridMap.of`."""
 
     evaluator: Evaluator  # A
-    nodes: np.ndarray  # (n, 3), the nodes on the baseline (m): those asked for, and after them what they need
-    rotation_map: RotationMap | None  # how the residual turns; None where there is none, or where it stays as it is
-    # Vectors, ndarray of shape (n, 3) or None, the residual of the fit, ready to be turned, or to be added
+    nodes: np.ndarray  # (n, 3), the nodes on the baseline (m): the requested ones, then the nodes that these need
+    rotation_map: RotationMap | None  # rotation of the residual; None if there is no residual or it does not turn
+    # the residual of the fit: Vectors, ready to be turned, ndarray of shape (n, 3) to be added, or None
     residual: Vectors | np.ndarray | None
     following: WallFollowing | None  # nodes that follow walls
-    numbering: (
-        NodeNumbering  # which nodes of the grid they are; in the map of all of it every number is that of its row
-    )
+    numbering: NodeNumbering  # their numbers in the grid; in the map of the whole grid every number equals its row
     ties: NodeTies | None = None  # nodes of periodic sides
     correction: WallCorrection | None = None  # correction of nodes whose places are known, see `meeting`
-    n_given: int = 0  # how many of these are given, the first ones; the others are asked to slide from where they are
+    n_given: int = 0  # number of given ones among these, which come first; the others slide from where they are
     sliding: SlidingNodes | None = None  # which of both slide on surfaces
 
     @classmethod
@@ -67,11 +65,11 @@ class GridMap(OneLine):
         cls,
         topology: Topology,  # topology of the grid; faces of kind "wall" are walls
         mesh: BSplineMesh,  # one volume per segment
-        # sequence of ndarray, each of shape (L0, L1, L2, 3), parameters of the nodes of every segment
+        # each (L0, L1, L2, 3), parameters of the nodes of every segment
         parameters: Sequence[np.ndarray],
         control_points: np.ndarray,  # (n_control_points, 3), fitted control points (m)
         residual: np.ndarray | None,  # (n_nodes, 3), baseline minus fitted points (m)
-        # (n_corners,), how long it is around every corner of the spans (m), see `.residual_lengths`
+        # (n_corners,), its length around every corner of the spans (m), see `.residual_lengths`
         residual_lengths: np.ndarray | None,
         wall_layer: bool,  # whether nodes follow walls and the residual turns; without, the map is ``A b + r``
         evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_grid`
@@ -91,18 +89,18 @@ class GridMap(OneLine):
         cls,
         numbering: NodeNumbering,  # the nodes, with those that walls need
         mesh: BSplineMesh,  # one volume per segment
-        # sequence of ndarray, each of shape (n_v, 3), parameters of the nodes that each segment evaluates
+        # each (n_v, 3), parameters of the nodes that each segment evaluates
         parameters: Sequence[np.ndarray],
-        # control_points, residual, residual_lengths, wall_layer: as of `of`, the residual of the nodes alone, shape (n,
-        # 3)
+        # control_points, residual, residual_lengths, wall_layer: as for `of`, the residual only of these nodes, shape
+        # (n, 3)
         control_points: np.ndarray,
         residual: np.ndarray | None,
         residual_lengths: np.ndarray | None,
         wall_layer: bool,
-        walls: GridWalls | None,  # the walls of the grid; None where there are none, or nothing follows them
+        walls: GridWalls | None,  # the walls of the grid; None if there are none, or nothing follows them
         evaluator: Evaluator,  # evaluation of the nodes, by `Evaluator.of_nodes`
     ) -> GridMap:
-        """Prepare the map to some nodes of a fitted grid: they get the bits that they have in all of it."""
+        """Prepare the map to some nodes of a fitted grid: they get the same bits as in the whole grid."""
         nodes = _baseline(evaluator, control_points, residual)
         rotation_map, following = None, None
         vectors: Vectors | np.ndarray | None = residual
@@ -118,8 +116,8 @@ class GridMap(OneLine):
     def meeting(
         self, correction: WallCorrection, n_given: int | None = None, sliding: SlidingNodes | None = None
     ) -> GridMap:
-        """Return the map with a second input, ``surface``: where the nodes of a correction of `nodes` are to be."""
-        # the first ones of them, all by default; without one there is no such input
+        """The map with a second input, ``surface``: places for the nodes of a correction of `nodes`."""
+        # the first ones of them are given, all by default; with none there is no such input
         n_given = len(correction.rows) if n_given is None else n_given
         return replace(self, correction=correction, n_given=n_given, sliding=sliding)
 
@@ -135,18 +133,18 @@ class GridMap(OneLine):
 
     @property
     def n_asked(self) -> int:
-        """Number of the nodes that were asked for, the first ones."""
+        """Number of the requested nodes, which come first."""
         return self.numbering.n_asked
 
     def padded(self, bar: np.ndarray) -> np.ndarray:
-        """Return derivatives with respect to the nodes asked for, shape (n_asked, 3), with zeros for the others."""
+        """Derivatives with respect to the requested nodes, shape (n_asked, 3), with zeros added for the others."""
         if self.n_asked == len(self.nodes):
             return bar
         return np.concatenate([bar, np.zeros((len(self.nodes) - self.n_asked, 3), dtype=bar.dtype)])
 
     @property
     def n_bytes(self) -> int:
-        """Memory besides the evaluator's and the model's (B)."""
+        """Memory in addition to the evaluator's and the model's (B)."""
         packed = self.residual.n_bytes if isinstance(self.residual, Vectors) else 0
         n_rotation = 0 if self.rotation_map is None else self.rotation_map.n_bytes
         return packed + n_rotation + (0 if self.following is None else self.following.layer.n_bytes) + self.nodes.nbytes
@@ -154,8 +152,7 @@ class GridMap(OneLine):
     def at(
         self,
         control_points: np.ndarray,  # (n_control_points, 3), control points (m)
-        # (n_surface, 3), where the nodes that a correction `meeting` them was made for are to be (m); of a map without,
-        # none
+        # (n_surface, 3), places (m) for the nodes of the correction in `meeting`; None for a map without one
         surface: np.ndarray | None = None,
     ) -> GridState:
         """Nodes and their derivative."""
@@ -195,8 +192,8 @@ class GridState:
     nodes: np.ndarray  # (n_nodes, 3), the grid (m)
     rotation: RotationState | None  # rotations of the residual
     followed: Followed | None  # nodes that followed walls
-    mismatch: np.ndarray | None = None  # (n_surface, 3), given places minus those of the control points alone (m)
-    slid: SlidNodes | None = None  # where nodes slid to, and its derivative
+    mismatch: np.ndarray | None = None  # (n_surface, 3), given places minus the places from the control points (m)
+    slid: SlidNodes | None = None  # positions of nodes after sliding, and the derivative
 
     @property
     def inputs(self) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """The walls of a grid, the planes that nodes near them stay in, and which nodes do not follow them.
 
-All of this is found from the nodes of the boundary and of the layer next to walls, and is the same wherever the grid is
-cut. Every process that holds part of a grid has all of its walls: their size is that of a surface.
+Everything here is found from the nodes of the boundary and of the layer next to walls, and is the same however the grid
+is cut. Every process that has part of a grid has all of its walls: they are only as large as a surface.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -40,30 +40,31 @@ __all__ = ["GridWalls"]
 
 RINGS = 6.0
 """How far beyond a periodic side walls are seen, in longest diagonals of their faces: layers reach over three widths, a
-reach is a mean over `LayerSettings.smoothings` neighbours, and rotations are those of one ring of faces more."""
+reach is a mean over `LayerSettings.smoothings` neighbours, and rotations see one more ring of faces."""
 
 SAME_PLANE = 1e-5
-"""A plane whose normal is turned by less than this (rad) stays itself."""
+"""A plane whose normal is turned by less than this (rad) is mapped onto itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class GridWalls:
     """The walls of a grid. Made by `GridWalls.of`."""
 
-    wall: Wall  # all walls as one, and behind them those beyond periodic sides
-    rows: np.ndarray  # (n_wall,) of int, rows of their nodes in the grid vector, each shared one once
+    wall: Wall  # all walls as one, followed by walls beyond periodic sides
+    rows: np.ndarray  # (n_wall,) of int, rows of their nodes in the grid vector, shared ones once
     plane_rows: np.ndarray  # (n_plane,) of int, rows of the nodes on the outlines of planes that walls end on
     normals: tuple[PlaneNormal, ...]  # normals of these planes, as functions of those nodes
-    # tuple of (ndarray of int, ndarray of shape (3,)) of int, rows of the nodes in planes, and the planes' normals on
-    # the baseline
+    # tuple of (ndarray of int, ndarray of shape (3,)), rows of the nodes in planes, and the planes' normals on the
+    # baseline
     planes: tuple[tuple[np.ndarray, np.ndarray], ...]
     fixed: np.ndarray  # of int, rows of the nodes on other boundary faces, which do not follow walls
-    images: WallImages | None = None  # walls beyond periodic sides, as nodes of the walls number them
+    images: WallImages | None = None  # walls beyond periodic sides, numbered by the nodes of the walls
 
     @staticmethod
     def rows_seen(topology: Topology) -> np.ndarray:
-        """Rows of the nodes that `of` looks at, ascending."""
-        # They are those of the boundary and of the layer next to walls, and those that these are copies of.
+        """Rows of the nodes that `of` reads, ascending."""
+        # These are the nodes of the boundary and of the layer next to walls, and the nodes that any of them are copies
+        # of.
         next_rows = [face_layer_rows(topology, f.window)[1].ravel() for f in topology.boundary if f.kind == "wall"]
         rows = np.unique(np.concatenate([boundary_rows(topology, topology.boundary), *next_rows]))
         return np.union1d(rows, source_rows(node_copies(topology), rows))
@@ -72,13 +73,13 @@ class GridWalls:
     def of(
         cls,
         topology: Topology,  # topology of the grid; faces of kind "wall" are walls
-        nodes: np.ndarray | NodesByRow,  # (n_nodes, 3), the baseline (m), or those nodes of it that are in `rows_seen`
+        nodes: np.ndarray | NodesByRow,  # (n_nodes, 3), the baseline (m), or its nodes in `rows_seen`
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
         settings: LayerSettings = LAYER,
-    ) -> GridWalls | None:  # none where there is no wall
+    ) -> GridWalls | None:  # None if there is no wall
         """Find the walls of a grid, and the planar faces of its boundary."""
-        # Planes are told apart to five digits of their normals and places: faces of one plane, whose corners leave it
-        # by round-off of the file, are one.
+        # Planes are distinguished to five digits of their normals and offsets: faces of one plane, whose corners leave
+        # it by round-off of the file, are one.
         walls = [face for face in topology.boundary if face.kind == "wall"]
         if not walls:
             return None
@@ -108,7 +109,7 @@ class GridWalls:
         if images is not None:
             of_wall = [(_with_images(ids, normal, images, len(points)), normal) for ids, normal in of_wall]
             points, heights = images.beyond(points, points), np.append(heights, heights[images.originals])
-            # faces end on periodic sides, as they do between blocks
+            # faces end on periodic sides, as between blocks
             quads, faces = np.concatenate([quads, images.faces]), np.append(faces, images.marker + faces.max() + 1)
         wall = Wall.of(points, quads, heights, of_wall, None, faces, n_threads, settings)
         outlines = [PlaneNormal.of_outline(f) for (_, f), m in zip(planes.values(), is_met) if m.any()]
@@ -162,13 +163,13 @@ def _images(
 
 
 def _with_images(ids: np.ndarray, normal: np.ndarray, images: WallImages, n: int) -> np.ndarray:
-    """Nodes of a wall in a plane, and images of them that are in it, too; there are n nodes."""
+    """Nodes of a wall in a plane, and images of them that are also in it; there are n nodes."""
     is_in = np.isin(images.originals, ids) & (np.abs(images.turns @ normal - normal).max(axis=1) < SAME_PLANE)
     return np.append(ids, n + np.flatnonzero(is_in))
 
 
 def _planes(faces: Sequence[BoundaryFace], nodes: Sequence[np.ndarray]) -> list[MeanPlane | None]:
-    """Planes of faces; planes of symmetry may be rough. None where a face is not planar."""
+    """Planes of faces; planes of symmetry may be rough. None if a face is not planar."""
     alone = [nearest_plane(points) for points in nodes]
     planes = [
         MeanPlane(normal, float(normal @ points[0]), float(distances.max())) if distances.max() <= near else None

@@ -5,22 +5,21 @@ A node at x0 on the baseline, mapped to y, with the closest points f on the wall
     x = y + sum_f beta_f (W'_f + G_f (x0 - W_f) - y),
 
 where W_f and W'_f are the places of the closest point before and after the move and G_f is its rotation (see
-`.frames`): those of the corners of its triangle, at its barycentric coordinates. Nodes on lines that begin at nodes of
-the wall, as those of a grid do, go to
+`.frames`). They are interpolated from the corners of its triangle, at its barycentric coordinates. Nodes on lines that
+begin at nodes of the wall, as in a grid, go to
 
     x = y + sum_f beta_f (sum_n s_n (w'_n + G_n (x0 - w_n)) - y)
 
 over the corners n of that triangle instead, with s_n in proportion to b_n^2 (3 - 2 b_n) of its barycentric coordinates:
-above a corner, where their lines begin, they turn about the corner, whatever the facets beside it do. A point on a
-facet would leave it. The weights beta_f sum to one on the wall and fade to zero at its reach. So a wall node goes
-exactly where it is given, the nodes above it keep their heights, and a rigid motion of the wall is one of its layer,
-wherever the closest points are. All this is a matter of places, not of grid lines: blocks of any topology, walls that
-end inside a grid, and points of other grids are treated alike. Places of the wall's nodes, and normals of planes, are
-read off the nodes of the grid that the wall is of (`WallFollowing`); the points are these nodes, or others beside them
-(`.embedded_points`).
+above a corner, where their lines begin, they turn about the corner, whatever the adjacent facets do. A point on a facet
+would leave it. The weights beta_f sum to one on the wall and fade to zero at its reach. So a wall node goes exactly
+where it is given, the nodes above it keep their heights, and a rigid motion of the wall is a rigid motion of its layer,
+wherever the closest points are. This depends only on places, not on grid lines: blocks of any topology, walls that end
+inside a grid, and points of other grids are treated alike. Places of the wall's nodes, and normals of planes, are read
+off the nodes of the wall's grid (`WallFollowing`). The points are these nodes, or others (`.embedded_points`).
 
-Closest points and weights are those of the baseline and stay. The map is then linear in y and in the wall's places and
-rotations, and linear in x0 together with W, but for what is added where a point has several closest points, see
+Closest points and weights are found on the baseline and stay. The map is then linear in y and in the wall's places and
+rotations, and linear in x0 together with W, except for the addition if a point has several closest points, see
 `.corners`.
 
 Theory: ``docs/theory/wall_layer.rst``.
@@ -48,7 +47,7 @@ from .wall_images import WallImages
 __all__ = ["Followed", "Layered", "WallFollowing", "WallLayer"]
 
 INPUTS = ("initial", "mapped", "wall_initial", "wall_moved", "normals")
-"""What points of a layer depend on."""
+"""Inputs of the points of a layer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +56,10 @@ class WallLayer:
 
     wall: Wall  # the wall
     pieces: tuple[Piece, ...]  # the nodes that follow it
-    corners: Corners  # those of them that have several closest points
+    corners: Corners  # the ones that have several closest points
     projectors: np.ndarray  # (n_projectors, 3, 3), projectors of the correction onto planes; the first is the identity
     copies: np.ndarray  # (n_copies, 2) of int, rows that are copies of nodes of the layer, and the rows that they copy
-    n_points: int  # number of points of which some follow the wall
+    n_points: int  # number of points, some of which follow the wall
     # number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
     n_threads: int | None = None
 
@@ -68,20 +67,20 @@ class WallLayer:
     def of(
         cls,
         wall: Wall,  # the wall
-        points: np.ndarray,  # (n, 3), nodes of the grid, or points of another one, on the baseline (m)
-        # of int, row of the nodes of the wall among the points, but for those beyond periodic sides, which come last;
-        # none of another grid
+        points: np.ndarray,  # (n, 3), nodes of the grid, or points of another grid, on the baseline (m)
+        # of int, rows of the wall's nodes among the points, except for nodes beyond periodic sides, which come last;
+        # None if the points are of another grid
         wall_rows: np.ndarray | None = None,
-        # sequence of (ndarray of int, ndarray of shape (3,)) of int, points in planes that they must stay in, and the
-        # planes' normals. Planes that share points must be at right angles.
+        # sequence of (ndarray of int, ndarray of shape (3,)), points in planes that they must stay in, and the planes'
+        # normals. Planes that share points must be at right angles.
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-        # of int, points that do not follow the wall, such as those on a fixed boundary
+        # of int, points that do not follow the wall, such as points on a fixed boundary
         fixed: np.ndarray | None = None,
         copies: np.ndarray | None = None,  # (n_copies, 2) of int, rows that are copies, and the rows that they copy
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
-        # height of a point above its closest point by how far that is from the nearest corner of its triangle, from
-        # which on the point turns about the corners: 0 for nodes of the grid whose wall it is, all of which do; None
-        # for points of another one, none of which does
+        # height of a point above its closest point, divided by the distance of the latter from the nearest corner of
+        # its triangle, from which on the point turns about the corners: 0 for nodes of the wall's grid, all of which
+        # do; None for points of another grid, none of which do
         least_slope: float | None = None,
         n_beyond: int = 0,  # number of the nodes of the wall beyond periodic sides
     ) -> WallLayer:
@@ -130,7 +129,7 @@ class WallLayer:
 
     @property
     def n_followers(self) -> int:
-        """Number of points that follow the wall, those on it among them."""
+        """Number of points that follow the wall, including points on it."""
         return sum(len(piece.rows) for piece in self.pieces)
 
     @property
@@ -142,11 +141,11 @@ class WallLayer:
     def at(
         self,
         initial: np.ndarray,  # (n, 3), points before the move (m)
-        mapped: np.ndarray,  # (n, 3), where a map puts them (m); those that follow the wall are overwritten in place
+        mapped: np.ndarray,  # (n, 3), where a map puts them (m); points that follow the wall are overwritten in place
         # wall_initial, wall_moved: (wall.n_points, 3), nodes of the wall before and after the move (m)
         wall_initial: np.ndarray,
         wall_moved: np.ndarray,
-        # (n_planes, 3), unit normals after the move of the planes that the wall was made with; by default they stay
+        # (n_planes, 3), unit normals of the wall's planes after the move; by default they stay
         normals: np.ndarray | None = None,
     ) -> Layered:  # with the nodes, and their derivative
         """Move the points that follow a wall with it."""
@@ -164,11 +163,11 @@ class WallLayer:
         self._over_pieces(lambda piece: _follow(*self._arrays(piece), initial, frames[piece.wall_ids], mapped))
 
     def _copy(self, nodes: np.ndarray) -> None:
-        """Give copies the places of what they copy."""
+        """Give copies the places of their originals."""
         nodes[self.copies[:, 0]] = nodes[self.copies[:, 1]]
 
     def _arrays(self, piece: Piece) -> tuple:
-        """What the kernels take of a piece, and of the layer."""
+        """Arguments of the kernels from a piece and the layer."""
         per_node = piece.rows, piece.starts, piece.planes
         return *per_node, piece.corners, piece.barycentric, piece.weights, self.projectors, piece.by_corners
 
@@ -184,13 +183,13 @@ class Layered:
     layer: WallLayer  # the points that follow
     initial: np.ndarray  # (n, 3), points before the move (m)
     frames: Frames  # the move of the wall, with its nodes before and after
-    corners: CornersMoved | None  # what nodes in corners go beside the mean of their closest points; None without such
+    corners: CornersMoved | None  # displacements of nodes in corners from the mean; None without such nodes
     nodes: np.ndarray  # (n, 3), points after it (m)
 
     def jvp(
         self,
-        d_initial: np.ndarray | None,  # (n, 3), change of the points before the move; None for none, also of the wall
-        d_mapped: np.ndarray,  # (n, 3), change of the mapped points, overwritten in place by that of the points
+        d_initial: np.ndarray | None,  # (n, 3), change of the points before the move; None for none
+        d_mapped: np.ndarray,  # (n, 3), change of the mapped points, overwritten in place by the change of the points
         d_wall_initial: np.ndarray | None,  # (wall.n_points, 3), change of the wall's nodes before the move
         d_wall_moved: np.ndarray,  # (wall.n_points, 3), change of the wall's nodes after it
         d_normals: np.ndarray | None = None,  # (n_planes, 3), change of the normals of its planes after it
@@ -210,10 +209,10 @@ class Layered:
 
     def vjp(
         self,
-        # (n, 3), derivative of a scalar with respect to the points, overwritten in place by that with respect to the
-        # mapped ones
+        # (n, 3), derivative of a scalar with respect to the points, overwritten in place by the derivative with respect
+        # to the mapped ones
         bar: np.ndarray,
-        # which derivatives: those with respect to the points before the move, ``initial``, and where the map puts them,
+        # which derivatives: with respect to the points before the move, ``initial``, and where the map puts them,
         # ``mapped``, shape (n, 3); to the nodes of the wall, ``wall_initial`` and ``wall_moved``, shape (wall.n_points,
         # 3); and to the ``normals`` of its planes, shape (n_planes, 3)
         wrt: Collection[str] = INPUTS,
@@ -235,7 +234,7 @@ class Layered:
         return {name: bars[name] for name in wrt}
 
     def _before_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives with respect to points and wall before the move, at rotations that stay."""
+        """Derivatives with respect to points and wall before the move, at constant rotations."""
         initial_bar, wall_bar = np.zeros_like(bar), np.zeros_like(bar, shape=self.frames.initial.shape)
         layer, frames = self.layer, self._motion
         sums = layer._over_pieces(
@@ -250,7 +249,7 @@ class Layered:
         return _packed(self.frames.moved, self.frames.matrices, self.frames.initial)
 
     def _frames_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives with respect to places and rotations of the wall; ``bar`` becomes that of the mapped points."""
+        """Derivatives with respect to the wall's places and rotations; ``bar`` becomes the mapped points'."""
         layer, frames = self.layer, self._motion
         sums = layer._over_pieces(
             lambda piece: _follow_back(*layer._arrays(piece), self.initial, frames[piece.wall_ids], bar)
@@ -262,17 +261,17 @@ class Layered:
 
 @dataclass(frozen=True, eq=False)
 class WallFollowing:
-    """Which points follow the walls of a grid, and where in it these are."""
+    """The points that follow the walls of a grid, and the rows of the walls in the grid."""
 
     layer: WallLayer  # the points that follow
-    rows: np.ndarray  # int (n_wall,), numbers of the nodes of all walls, each shared one once
+    rows: np.ndarray  # int (n_wall,), numbers of the nodes of all walls, shared ones once
     plane_rows: np.ndarray  # int (n_plane,), numbers of the nodes on the outlines of planes that walls end on
-    planes: tuple[PlaneNormal, ...] | None  # normals of these planes, as functions of those nodes; None where they stay
-    images: WallImages | None = None  # walls beyond periodic sides, which the layer's wall has behind those nodes
+    planes: tuple[PlaneNormal, ...] | None  # normals of these planes, as functions of those nodes; None if they stay
+    images: WallImages | None = None  # walls beyond periodic sides, which the layer's wall has after those nodes
 
     def at(
         self,
-        # places before the move, and of points where a map puts them; these are overwritten in place
+        # points before the move, and where a map puts them; the latter are overwritten in place
         initial: np.ndarray,  # (n, 3)
         mapped: np.ndarray,  # (n, 3), C order
         # the grid before and after the move; the latter may be `mapped`
@@ -291,7 +290,7 @@ class WallFollowing:
         return nodes if self.images is None else self.images.beyond(nodes, self.layer.wall.tree.points[: len(nodes)])
 
     def changes(self, change: np.ndarray) -> np.ndarray:
-        """Changes of the nodes of walls with those of a grid."""
+        """Changes of the nodes of walls with changes of a grid."""
         nodes = change[self.rows]
         return nodes if self.images is None else self.images.changes(nodes)
 
@@ -316,9 +315,9 @@ class Followed:
 
     def jvp(
         self,
-        change: np.ndarray,  # (n, 3), of the mapped points, overwritten in place by that of the points
+        change: np.ndarray,  # (n, 3), of the mapped points, overwritten in place by the change of the points
         d_grid: np.ndarray,  # (n_nodes, 3), of the grid; may be `change`
-        # of the grid before the move, whose nodes the points then are; None for none
+        # of the grid before the move, whose nodes the points then are; None for no change
         d_initial: np.ndarray | None = None,  # (n_nodes, 3)
     ) -> None:
         """Change of the points."""
@@ -331,8 +330,8 @@ class Followed:
 
     def add_vjp(
         self,
-        bar: np.ndarray,  # (n, 3), of the points, overwritten in place by that of the mapped ones
-        # what is added to: derivatives with respect to the grid, which may be `bar`, and to the grid before the move
+        bar: np.ndarray,  # (n, 3), of the points, overwritten in place by the derivative of the mapped ones
+        # derivatives to add to, with respect to the grid, which may be `bar`, and to the grid before the move
         grid_bar: np.ndarray,  # (n_nodes, 3)
         initial_bar: np.ndarray | None = None,  # (n_nodes, 3)
     ) -> None:
@@ -365,7 +364,7 @@ def _move_rows(copies, bar):
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _corners(corners, barycentric, k):
     """Corners of the triangle of a closest point, and its barycentric coordinates."""
-    # unsigned: signed numbers would be checked for counting from the end
+    # unsigned: signed numbers would be checked for negative indices
     a, b, c = np.uint64(corners[k, 0]), np.uint64(corners[k, 1]), np.uint64(corners[k, 2])
     u, v = np.float64(barycentric[k, 0]), np.float64(barycentric[k, 1])
     return (a, b, c), (u, v, 1.0 - u - v)
@@ -384,7 +383,7 @@ def _closest(frames, at, barycentric):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _arm(initial, row, frames, n, closest, by_corners):
-    """Vector from what a point turns about, a corner or the closest point, to the point."""
+    """Vector to a point from its centre of rotation, a corner or the closest point."""
     x, y, z = (frames[n, 12], frames[n, 13], frames[n, 14]) if by_corners else closest
     return initial[row, 0] - x, initial[row, 1] - y, initial[row, 2] - z
 
@@ -428,7 +427,7 @@ def _follow(rows, starts, planes, corners, barycentric, weights, projectors, by_
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _follow_back(rows, starts, planes, corners, barycentric, weights, projectors, by_corners, initial, frames, bar):
-    """Transpose of `_follow` with respect to the frames, returned, and the mapped points, in place of ``bar``."""
+    """Transpose of `_follow` with respect to the frames, returned, and the mapped points, overwriting ``bar``."""
     sums = np.zeros((len(frames), 12), dtype=bar.dtype)
     for i in range(len(rows)):
         row, total = np.uint64(rows[i]), 0.0

@@ -1,4 +1,4 @@
-"""Pieces of the layer at a wall: nodes that one thread moves at a time, each over a part of the wall.
+"""Pieces of the layer at a wall: nodes that one thread moves at a time, each piece over a part of the wall.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -13,7 +13,7 @@ import numpy as np
 __all__ = ["Piece", "add_up", "cut"]
 
 CHUNK_NODES = 2**12
-"""Nodes per piece of work: few enough for the corners of their triangles to have numbers of two bytes."""
+"""Nodes per piece of work: few enough for two-byte numbers of the corners of their triangles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +25,8 @@ class Piece:
     planes: np.ndarray  # (n,) of int, number of the projector of each
     # (n_closest, 3), corners of the triangle of each closest point, among the piece's nodes of the wall
     corners: np.ndarray
-    # (n_closest, 2), weights of the first two corners, those of all three add up to one: barycentric coordinates, or of
-    # `by_corners`. Single precision: a point a little beside the closest one does as well.
+    # (n_closest, 2), weights of the first two corners (all three sum to one): barycentric coordinates, or the weights
+    # for `by_corners`. Single precision suffices: a point slightly off the closest one does as well.
     barycentric: np.ndarray
     weights: np.ndarray  # (n_closest,), how much the node follows the wall at each, beta_f
     wall_ids: np.ndarray  # (n_corners,) of int, the piece's nodes of the wall, ascending

@@ -1,13 +1,13 @@
 """Mean value coordinates: a point inside a closed surface of triangles as a weighted mean of their corners.
 
-The unit sphere around a point x carries the mean over every triangle of the vectors to it. With the unit vectors
-u_k from x to the corners of a triangle, at the distances d_k, the integral of the unit vectors over its image is
+On the unit sphere around a point x, average the vectors to every triangle. With the unit vectors u_k from x to the
+corners of a triangle, at the distances d_k, the integral of the unit vectors over its image is
 
     m = 1/2 sum_k theta_k n_k / norm(n_k) ,   n_k = u_(k+1) x u_(k+2) ,   theta_k the angle between these two,
 
-and as m = sum_k w_k d_k u_k for w_k = m . n_k / (d_k u_k . n_k), and the integrals over a closed surface cancel, the w
+Since m = sum_k w_k d_k u_k for w_k = m . n_k / (d_k u_k . n_k), and the integrals over a closed surface cancel, the w
 of all triangles are weights with sum_k w_k (x_k - x) = 0. Divided by their sum they are coordinates: they reproduce
-every affine function, are smooth inside, and become linear ones on the triangles. After T. Ju, S. Schaefer and
+every affine function, are smooth inside, and become linear on the triangles. After T. Ju, S. Schaefer and
 J. Warren, Mean Value Coordinates for Closed Triangular Meshes, ACM Transactions on Graphics 24 (2005) 561-566.
 
 Theory: ``docs/theory/body_points.rst``.
@@ -26,13 +26,12 @@ ON_TRIANGLE = 1e-11
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_weights(points, corners, triangles, weights, windings):  # pragma: no cover
-    """Find the weights of the corners in each point, up to a factor, and how often the surface surrounds it."""
+    """Find the weights of the corners in each point, up to a factor, and the surface's winding number about it."""
     # points: (n, 3), the points (m)
     # corners: (m, 3), corners of the triangles (m)
-    # triangles: (n_triangles, 3) of int, their numbers in each triangle, which has an area, around the normal out of
-    # the body
-    # weights: (n, m), zeros, replaced by the weights
-    # windings: (n,), replaced by the part of all directions in which the surface is seen from inside
+    # triangles: (n_triangles, 3) of int, their numbers in each triangle, which has an area, around the outward normal
+    # of the body weights: (n, m), zeros, replaced by the weights windings: (n,), replaced by the fraction of directions
+    # in which the surface is seen from inside
     for p in range(len(points)):
         x, y, z = points[p]
         row, angle, on = weights[p], 0.0, -1
@@ -63,7 +62,7 @@ def add_weights(points, corners, triangles, weights, windings):  # pragma: no co
                 if tp + tq + tr > 2.0 * np.pi - 1e-6:
                     on = t
                     break
-                continue  # in its plane, beside it: it is seen from the edge
+                continue  # in its plane, outside it: the triangle is seen edge-on
             angle += 2.0 * np.arctan2(volume, 1.0 + bc + ca + ab)
             fp = 0.5 * tp / sp if sp > 0.0 else 0.0
             fq = 0.5 * tq / sq if sq > 0.0 else 0.0

@@ -1,9 +1,9 @@
-"""Vectors at the nodes of a grid, and the rotations that turn them: those of the corners of spans, interpolated.
+"""Vectors at the nodes of a grid, turned by rotations that are interpolated from the corners of spans.
 
-Every node has a place in its span. The rotations of the eight corners of the span are interpolated trilinearly there;
-the weights are positive and sum to one, so that where all rotations are one, that one turns the vector.
+Every node has a place in its span. The rotations of the eight corners of the span are interpolated trilinearly there.
+The weights are positive and sum to one, so if all rotations are equal, this rotation turns the vector.
 
-On planar boundary faces that are no walls, the part of a vector along the normal follows the face's mean normal, and
+On planar boundary faces that are not walls, the part of a vector along the normal follows the face's mean normal, and
 the rest stays in the plane (`FaceNodes`). All other nodes are turned by the kernels that evaluate the volumes
 (`SpanNodes`, `bspline_mdao.core.evaluation.contraction`).
 
@@ -31,10 +31,10 @@ _CHUNK = 4096  # nodes at a time whose knots are evaluated: their arrays fit the
 
 @dataclass(frozen=True, eq=False)
 class SpanNodes:
-    """The nodes of one volume in their spans, sorted by them."""
+    """The nodes of one volume, sorted by their spans."""
 
     nodes: NodesBySpan  # the nodes
-    # (n_spans, 8) of int, corners of the span of each run; bits 0, 1, 2 of the column say which end of directions 0, 1,
+    # (n_spans, 8) of int, corners of the span of each run; bits 0, 1, 2 of the column are the ends of directions 0, 1,
     # 2
     corners: np.ndarray
     # (3 n_nodes + LANES,), places of the nodes between the ends, in groups, see
@@ -43,7 +43,7 @@ class SpanNodes:
 
     @classmethod
     def of(cls, volume: Volume, ids: np.ndarray, nodes: NodesBySpan, parameters: np.ndarray) -> SpanNodes:
-        """Place the nodes of a volume; ``parameters`` are theirs, in that order."""
+        """Place the nodes of a volume; ``parameters`` are in their order."""
         first, spans, is_high = _spans(volume, nodes)
         corners = np.empty((len(nodes.anchors), 8), dtype=np.int32)
         for column in range(8):
@@ -74,13 +74,13 @@ class SpanNodes:
         u = [self.fractions[3 * group + d * n + nodes - group].astype(float) for d in range(3)]
         ends = [[u[d] if column >> d & 1 else 1.0 - u[d] for d in range(3)] for column in range(8)]
         weights = np.stack([np.prod(three, axis=0) for three in ends], axis=1)
-        largest = np.argsort(-weights, axis=1, kind="stable")[:, :4]  # the other four are at the far side
+        largest = np.argsort(-weights, axis=1, kind="stable")[:, :4]  # the other four are on the far side
         return np.take_along_axis(self.corners[run], largest, 1), np.take_along_axis(weights, largest, 1)
 
 
 @dataclass(frozen=True, eq=False)
 class FaceNodes:
-    """Nodes on boundary faces with the weights of their corners, and the planes that their vectors keep to."""
+    """Nodes on boundary faces with the weights of their corners, and the planes that their vectors stay in."""
 
     rows: np.ndarray  # (n,) of int, rows of the nodes, ascending
     # corners, weights: (n, 4), corners of spans, and their weights
@@ -101,7 +101,7 @@ class FaceNodes:
     ) -> np.ndarray:
         """Turn the vectors, shape (n, 3), of these nodes."""
         out = vectors.copy()
-        _add_products(self.corners, self.weights, matrices - np.eye(3).ravel(), vectors, out)  # exact where all are one
+        _add_products(self.corners, self.weights, matrices - np.eye(3).ravel(), vectors, out)  # exact if all are one
         _put_along(self.planes, normals, vectors, out)
         return out
 
@@ -138,14 +138,14 @@ class FaceNodes:
 
 @dataclass(frozen=True, eq=False)
 class Vectors:
-    """Vectors of all nodes, sorted by span, those in planes apart. Made by `RotationMap.vectors`."""
+    """Vectors of all nodes, sorted by span, nodes in planes separate. Made by `RotationMap.vectors`."""
 
     packed: tuple[np.ndarray, ...]
     flat: np.ndarray
 
     @property
     def n_bytes(self) -> int:
-        """Memory that they take (B)."""
+        """Memory in bytes."""
         return self.flat.nbytes + sum(array.nbytes for array in self.packed)
 
 
@@ -155,9 +155,9 @@ def transposed(matrices: np.ndarray) -> np.ndarray:
 
 
 def _spans(volume: Volume, nodes: NodesBySpan) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Spans of the nodes, each once: places among those of the volume, numbers, and whether they count from the end."""
-    # As for the control points (see `bspline_mdao.core.evaluation.nodes_by_span`), nodes of a face depend on the
-    # corners of that face alone, to the last bit.
+    """Distinct spans of the nodes: places among the volume's spans, numbers, and whether counted from the end."""
+    # As for the control points (see `bspline_mdao.core.evaluation.nodes_by_span`), nodes of a face depend only on the
+    # corners of that face, to the last bit.
     anchors = np.unravel_index(nodes.anchors, volume.n_control)
     is_high = [a == k.n_control - 1 for a, k in zip(anchors, volume.knots)]
     spans = [np.where(high, a, a + k.order - 1) for a, high, k in zip(anchors, is_high, volume.knots)]
@@ -165,7 +165,7 @@ def _spans(volume: Volume, nodes: NodesBySpan) -> tuple[list[np.ndarray], list[n
 
 
 def _fractions(knots: Knots, parameters: np.ndarray, spans: np.ndarray, is_high: np.ndarray) -> np.ndarray:
-    """Places of nodes in their spans, from the end that counts; parameters begin with the knots' own direction."""
+    """Places of nodes in their spans, from the counting end; the first parameter is the knots' own direction."""
     fractions = np.empty(len(spans))
     for start in range(0, len(spans), _CHUNK):
         at = slice(start, start + _CHUNK)
@@ -200,7 +200,7 @@ def _add_outer_products(corners, weights, bar, vectors, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _put_along(planes, normals, vectors, turned):
-    """Replace the parts of turned vectors along normals by those of the vectors along the normals at first."""
+    """Replace the parts of turned vectors along normals by the vectors' parts along the initial normals."""
     for i in range(planes.shape[0]):
         for k in planes[i]:
             if k >= 0:
@@ -211,7 +211,7 @@ def _put_along(planes, normals, vectors, turned):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _put_along_jvp(planes, normals, vectors, turned, d_normals, d_vectors, change):
-    """Derivative of `_put_along`; ``turned`` is done along the way."""
+    """Derivative of `_put_along`, which is also applied to ``turned``."""
     for i in range(planes.shape[0]):
         for k in planes[i]:
             if k >= 0:

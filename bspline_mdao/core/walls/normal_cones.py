@@ -1,13 +1,13 @@
-"""Cones of the normals of a surface, by which a search leaves out what holds no local minimum of the distance.
+"""Cones of the normals of a surface, by which a search skips boxes without a local minimum of the distance.
 
-At a local minimum the way from the surface to the point is a normal of the surface: that of a triangle or, on an edge
-or a corner, a mean of those around. Seen from a corner c with triangles all around, whose normals are within an angle t
-of an axis a, the surface is the graph of a function f over the plane across a, of slope at most tan t. No edge e leads
-nearer to the point p, d . e <= 0 for d = p - c; for the one along the part of d in that plane, of length h, that is
-h <= -d_a f <= |d_a| tan t. So d is within t of a, or of -a; in the latter case it is more than a right angle from the
-triangle's own normal, which is not the side that this looks to, if that normal is within 90 degrees - t of a. (D.
-Johnson and E. Cohen, Spatialized normal cone hierarchies, 2001, leave out boxes so.) A triangle has its own normal for
-the axis, and the way from its closest place is in its cone or not; a box stands for all ways that lead out of it.
+At a local minimum the vector from the surface to the point is a normal of the surface: the normal of a triangle or, on
+an edge or a corner, a mean of the normals around it. Seen from a corner c with triangles all around, whose normals are
+within an angle t of an axis a, the surface is the graph of a function f over the plane normal to a, of slope at most
+tan t. At a minimum no edge e leads nearer to the point p, d . e <= 0 for d = p - c. For the edge along the part of d in
+that plane, of length h, this is h <= -d_a f <= |d_a| tan t. So d is within t of a, or of -a. In the latter case it is
+more than a right angle from the triangle's own normal, so on the other side, if that normal is within 90 degrees - t of
+a. (D. Johnson and E. Cohen, Spatialized normal cone hierarchies, 2001, exclude boxes this way.) A triangle has its own
+normal as the axis, and the vector from its closest place is in its cone or not. A box stands for all vectors out of it.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -20,13 +20,13 @@ from numba import njit
 __all__ = ["BEHIND", "cones_of", "has_no_minimum", "unit_normals"]
 
 WIDEST = np.radians(85.0)
-"""Half angle of a cone from which on it says nothing: slopes grow beyond any bound."""
+"""Half angle from which on a cone excludes nothing: slopes grow beyond any bound."""
 
 MARGIN = 0.01
-"""What cones are wider than normals (rad): round-off decides whether a triangle as narrow as that is nearer."""
+"""Margin of cones (rad): round-off decides whether a triangle as narrow as this is nearer."""
 
 BEHIND = 1e-6
-"""Sine of the angle up to which a point behind a triangle counts as in front of it: it is in its plane by round-off."""
+"""Sine of the angle up to which a point behind a triangle counts as in front: it is in its plane up to round-off."""
 
 
 def unit_normals(corners: np.ndarray) -> np.ndarray:
@@ -42,11 +42,11 @@ def cones_of(
     boxes: np.ndarray,  # (2 n_leaves, 6), lower and upper corner of every box
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the cones of a binary tree of boxes, and of its triangles."""
-    # Returns (2 n_leaves, 9): axis of each box; cosine of the half angle about it that holds the normals of its
-    # triangles and of those that share corners with them, and sine of this by the radius of the ball around the box;
-    # its middle; the squared radius. Cosines are zero where the cone says nothing, or a corner has no triangles all
-    # around. Box k holds boxes 2 k and 2 k + 1; the first of all is number 1.
-    # Returns (n_triangles,): cosine of each triangle; that of all that it looks to if there is no other.
+    # Returns (2 n_leaves, 9): axis of each box; cosine of the half angle about it that contains the normals of its
+    # triangles and of triangles that share corners with them, and its sine times the radius of the ball around the box;
+    # the ball's centre; the squared radius. Cosines are zero if the cone excludes nothing, or a corner has no triangles
+    # all around. Box k contains boxes 2 k and 2 k + 1; the root is number 1.
+    # Returns (n_triangles,): cosine of each triangle; the one of all that it faces if there is no other.
     n_leaves = len(starts) - 1
     cones = np.zeros((2 * n_leaves, 9))
     if not len(triangles):
@@ -71,7 +71,7 @@ def cones_of(
 
 
 def _angles_around(normals: np.ndarray, triangles: np.ndarray, n_points: int) -> np.ndarray:
-    """Largest angle between each triangle and those that share corners with it; pi where some are missing."""
+    """Largest angle between each triangle and its neighbours that share corners; pi if some are missing."""
     edges = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)]).astype(np.int64)
     keys, counts = np.unique(edges @ [n_points, 1], return_counts=True)
     back = edges[:, ::-1] @ np.array([n_points, 1])
@@ -93,8 +93,8 @@ def _angles_around(normals: np.ndarray, triangles: np.ndarray, n_points: int) ->
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def has_no_minimum(cones, box, px, py, pz):
-    """Whether no way from a ball to a point outside it is in its cone."""
+    """Whether no vector from a ball to a point outside it is in its cone."""
     x, y, z = px - cones[box, 5], py - cones[box, 6], pz - cones[box, 7]
     along, beyond = cones[box, 0] * x + cones[box, 1] * y + cones[box, 2] * z, x * x + y * y + z * z - cones[box, 8]
-    # the way from the middle, give or take the angle under which half the ball is seen
+    # the vector from the centre, plus or minus the angle that half the ball subtends
     return cones[box, 3] != 0.0 and beyond > 0.0 and along < cones[box, 3] * np.sqrt(beyond) - cones[box, 4]

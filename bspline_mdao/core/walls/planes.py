@@ -1,9 +1,9 @@
 """Planes that nodes stay in: projectors onto them, unit normals as functions of points on them, and mirror images.
 
 The area vector of a planar part of the boundary is a sum of half cross products of pairs of arms, each the difference
-of two points: of the diagonals of its quads, or, since what is inside cancels, of the arms from one point to the ends
-of the segments around its outline. Either is exact in coordinates that all points share. The normal is the area vector
-over its length.
+of two points: the diagonals of its quads or, since inner contributions cancel, the arms from one point to the ends of
+the segments around its outline. Either is exact in coordinates that all points share. The normal is the area vector
+divided by its length.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -31,12 +31,12 @@ class PlaneNormal:
 
     @classmethod
     def of_quads(cls, quads: np.ndarray) -> PlaneNormal:
-        """Make it of quads, the numbers of whose corners in turn have shape (n, 4), all turned the same way."""
+        """Normal of quads, given by the numbers of their corners, shape (n, 4), all oriented alike."""
         return cls(quads[:, [0, 2]].T, quads[:, [1, 3]].T)
 
     @classmethod
     def of_outline(cls, faces: Sequence[np.ndarray]) -> PlaneNormal:
-        """Make it of the outlines of faces, each the numbers of its points, shape (ni, nj), that look the same way."""
+        """Normal of the outlines of faces, each the numbers of its points, shape (ni, nj), all oriented alike."""
         pairs = []
         for ids in faces:
             for side in (ids[:, 0], ids[-1, :], ids[::-1, -1], ids[0, ::-1]):
@@ -51,15 +51,15 @@ class PlaneNormal:
         return np.unique([self.first, self.second])
 
     def among(self, ids: np.ndarray) -> PlaneNormal:
-        """Return the same with points numbered by their places among ascending numbers."""
+        """The same normal with points renumbered by their places among ascending numbers."""
         return PlaneNormal(np.searchsorted(ids, self.first), np.searchsorted(ids, self.second))
 
     def area_vector(self, points: np.ndarray | NodesByRow) -> np.ndarray:
-        """Integral of the normal over the part, shape (3,), for points of shape (n_points, 3), or those looked at."""
+        """Integral of the normal over the part, shape (3,), for points of shape (n_points, 3), or the ones needed."""
         return 0.5 * np.cross(*self._arms(points)).sum(axis=0)
 
     def normal_and_area(self, points: np.ndarray) -> tuple[np.ndarray, float]:
-        """Unit normal, shape (3,), and the length of the area vector that it is made of; both 0 where a part closes."""
+        """Unit normal, shape (3,), and the length of the area vector; both 0 if the part is closed."""
         area = self.area_vector(points)
         length = np.sqrt(np.sum(area * area))
         return (area / length if length else area), length
@@ -69,7 +69,7 @@ class PlaneNormal:
         return self.normal_and_area(points)[0]
 
     def normal_jvp(self, points: np.ndarray, d_points: np.ndarray) -> np.ndarray:
-        """Change of the normal with the points: what of that of the area is not along the normal, over its length."""
+        """Change of the normal with the points: the area's change across the normal, divided by its length."""
         normal, length = self.normal_and_area(points)
         (u, v), (d_u, d_v) = self._arms(points), self._arms(d_points)
         d_area = 0.5 * (np.cross(d_u, v) + np.cross(u, d_v)).sum(axis=0)
@@ -93,13 +93,13 @@ class PlaneNormal:
 class MirrorMeans:
     """Means of matrices and their mirror images, for points in planes of symmetry: M <- (M + H' M H) / 2."""
 
-    # H = I - 2 n (x) n mirrors in a plane at rest, H' in the plane as it is.
+    # H = I - 2 n (x) n mirrors in a plane at rest, H' in the current plane.
 
-    # tuple of (ndarray of int, ndarray of shape (3,)) of int, points in planes, and the normals at rest. Planes that
-    # share points are at right angles.
+    # tuple of (ndarray of int, ndarray of shape (3,)), points in planes, and the normals at rest. Planes that share
+    # points are at right angles.
     planes: tuple[tuple[np.ndarray, np.ndarray], ...]
     normals: np.ndarray  # (n_planes, 3), normals now
-    seen: tuple[np.ndarray, ...]  # tuple of ndarray, each of shape (n, 3, 3), M of the points of each plane, before
+    seen: tuple[np.ndarray, ...]  # each (n, 3, 3), M of the points of each plane before averaging
 
     @classmethod
     def of(
@@ -116,7 +116,7 @@ class MirrorMeans:
         return cls(tuple(planes), normals, tuple(seen))
 
     def jvp(self, change: np.ndarray, d_normals: np.ndarray | None) -> None:
-        """Turn the change of the matrices before into that of the means, in place."""
+        """Turn the change of the matrices before averaging into the change of the means, in place."""
         for k, (ids, at_rest) in enumerate(self.planes):
             normal, change_seen = self.normals[k], change[ids]
             mean = 0.5 * (change_seen + _mirror(normal) @ change_seen @ _mirror(at_rest))
@@ -137,7 +137,7 @@ class MirrorMeans:
 
 
 def projectors_of(planes: Sequence[tuple[np.ndarray, np.ndarray]], n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Different projectors onto planes, shape (m, 3, 3), the first one the identity; which one each point has."""
+    """Distinct projectors onto planes, shape (m, 3, 3), the first the identity, and the number for each point."""
     plane_of, found = np.zeros(n, dtype=np.int16), [np.eye(3)]
     for ids, normal in planes:
         normal = np.asarray(normal, dtype=float) / np.linalg.norm(normal)

@@ -1,7 +1,8 @@
-"""How long the residual of a fit is around every corner of the spans, where knots meet.
+"""Length of the residual of a fit around every corner of the spans, where knots meet.
 
-These lengths say over what distance rotations of the residual may not change, see `.rotation_filter`. They are found
-once, when a grid is fitted, and belong to the model: one of several processes knows the residual of some nodes only.
+These lengths are the distances over which rotations of the residual may not change, see `.rotation_filter`. They are
+found once, when a grid is fitted, and belong to the model: one of several processes knows the residual only of some
+nodes.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ __all__ = ["corner_numbers", "residual_lengths"]
 
 
 def corner_numbers(topology: Topology, mesh: BSplineMesh) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Number the corners of the spans of all volumes, each shared one once."""
+    """Number the corners of the spans of all volumes, shared ones once."""
     # Returns places: list of ndarray, each of shape (M0, M1, M2, 3), parameters of the corners of every volume;
     # numbers: list of ndarray, each of shape (M0, M1, M2), their numbers.
     places = [span_corners(volume) for volume in mesh.volumes]
@@ -33,10 +34,9 @@ def corner_numbers(topology: Topology, mesh: BSplineMesh) -> tuple[list[np.ndarr
 def residual_lengths(
     topology: Topology,  # segments and links
     mesh: BSplineMesh,  # one volume per segment
-    # sequence or mapping of ndarray, each of shape (L0, L1, L2, 3), parameters of the nodes of the segments
+    # each (L0, L1, L2, 3), parameters of the nodes of the segments
     parameters: Sequence[np.ndarray] | Mapping[int, np.ndarray],
-    # mapping of int to ndarray, each of shape (n_nodes_of_block, 3) of int, residual of the nodes of the blocks of this
-    # process (m)
+    # each (n_nodes_of_block, 3), residual of the nodes of the blocks of this process (m)
     residuals: Mapping[int, np.ndarray],
     comm: Any = ONE,  # the processes, all of which call this
 ) -> np.ndarray:  # (n_corners,), on all processes (m)

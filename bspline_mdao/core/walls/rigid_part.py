@@ -1,8 +1,8 @@
-"""The rigid motion nearest to that of a set of points, in the sense of least squares, and its derivative.
+"""The rigid motion nearest to a motion of points, in the least-squares sense, and its derivative.
 
-Points x0 go to x; with the means m0 and m, and M = sum (x - m) (x0 - m0)^T, it is the rotation R nearest to M (see
+Points x0 go to x. With the means m0 and m, and M = sum (x - m) (x0 - m0)^T, it is the rotation R nearest to M (see
 `rotation_group`) and the shift m - R m0. Planes that have to stay where they are leave a rotation about the normal of
-one of them, or none where there are several, and shifts along all.
+one plane, or none with several, and shifts along all of them.
 
 P. H. Schoenemann, "A generalized solution of the orthogonal Procrustes problem", Psychometrika 31, 1966, pp. 1-10.
 """
@@ -21,7 +21,7 @@ from .planes import MirrorMeans
 __all__ = ["RigidMotion", "RigidPart"]
 
 SAME_PLANE = 1e-4
-"""Normals count as one up to this angle (rad): planes of files are flat to single precision."""
+"""Normals count as equal up to this angle (rad): planes in files are flat to single precision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,27 +57,27 @@ class RigidPart(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class RigidMotion:
-    """A rigid motion ``x -> R x + shift``, and its derivative in the points that it was found for."""
+    """A rigid motion ``x -> R x + shift``, and its derivative in the points that it was found from."""
 
     rotation: np.ndarray  # (3, 3), R
     shift: np.ndarray  # (3,), shift (m)
-    # tuple of two ndarray of shape (n, 3), the points before and after less their means (m)
+    # two of shape (n, 3), the points before and after, less their means (m)
     arms: tuple[np.ndarray, np.ndarray]
-    mean: np.ndarray  # (3,), mean of those before (m)
-    in_planes: np.ndarray  # (3, 3), projector onto what shifts may do
+    mean: np.ndarray  # (3,), mean of the points before (m)
+    in_planes: np.ndarray  # (3, 3), projector onto allowed shifts
     stiffness: np.ndarray  # (1, 3, 3), ``tr(S) I - S``, see `rotation_group`
-    mirrored: MirrorMeans | None  # mean with the mirror image; None where nothing turns
+    mirrored: MirrorMeans | None  # mean with the mirror image; None if nothing turns
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """Take points, shape (n, 3), along."""
+        """Move points, shape (n, 3)."""
         return points @ self.rotation.T + self.shift
 
     def undo(self, points: np.ndarray) -> np.ndarray:
-        """Take points, shape (n, 3), back."""
+        """Move points, shape (n, 3), back."""
         return (points - self.shift) @ self.rotation
 
     def jvp(self, d_initial: np.ndarray, d_moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Change of rotation and shift with those of the points, each of shape (n, 3)."""
+        """Change of rotation and shift with changes of the points, each of shape (n, 3)."""
         change = np.zeros((1, 3, 3))
         if self.mirrored is not None:
             change[0] = d_moved.T @ self.arms[0] + self.arms[1].T @ d_initial  # arms sum to zero: means do not matter

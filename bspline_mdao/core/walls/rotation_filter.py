@@ -1,16 +1,16 @@
-"""Rotations of the residual, smoothed over its own length.
+"""Rotations of the residual, smoothed over the residual's length.
 
-T r turns the residual r of a fit by rotations that differ from corner to corner of the spans. Where they change by dR
-over a distance h, T r stretches or shears the cells there by |r| dR / h, and folds them where that exceeds one: next to
-a viscous wall spans are 1e-5 of the chord high, and residuals a thousand times longer. So the rotations R0 of the
-corners are replaced by those that minimise
+T r turns the residual r of a fit by rotations that differ from corner to corner of the spans. If they change by dR over
+a distance h, T r stretches or shears the cells there by |r| dR / h, and folds them if that exceeds one: next to a
+viscous wall spans are 1e-5 of the chord high, and residuals a thousand times longer. So the rotations R0 of the corners
+are replaced by the rotations that minimise
 
     sum_i |R_i - R0_i|^2 + sum_ij (l_ij / e_ij)^2 |R_i - R_j|^2,
 
-l_ij being the longer residual around the two ends of an edge, e_ij its length on the baseline. Nothing changes where
-the residual is short beside the spans; where it is long, rotations vary over its length and not over that of the spans.
-R is a mean of R0 with weights that are positive and sum to one, fixed on the baseline: where all corners turn as one,
-so does every vector, to round-off.
+where l_ij is the longer residual around the two ends of an edge, and e_ij the edge's length on the baseline. Nothing
+changes where the residual is short compared with the spans. Where it is long, rotations vary over its length and not
+over the spans' length. R is a mean of R0 with weights that are positive, sum to one and are fixed on the baseline: if
+all corners turn as one, so does every vector, to round-off.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -33,17 +33,17 @@ LEAST_WEIGHT = 1e-6
 of their rotation, and make walls depend on their neighbours."""
 
 MOST_WEIGHT = 1e10
-"""Ends of edges a hundred thousand times shorter than the residual turn as one but for 1e-10; more costs digits."""
+"""Ends of edges a hundred thousand times shorter than the residual turn alike to 1e-10; more costs digits."""
 
 ROUND_OFF = 3e-15
-"""Part of the rotations that the last correction may leave."""
+"""Relative error of the rotations that the last correction may leave."""
 
 
 @dataclass(frozen=True, eq=False)
 class RotationFilter:
-    """The filter for some corners, others being given. Made by `RotationFilter.of`."""
+    """The filter for some corners, with the others given. Made by `RotationFilter.of`."""
 
-    # free, given: of int, numbers of the corners that are smoothed, and of those that are known and enter
+    # free, given: of int, numbers of the corners that are smoothed, and of known corners that enter
     free: np.ndarray
     given: np.ndarray
     # of_free, of_given: (n_edges, n_free) and (n_edges, n_given), differences along the edges
@@ -62,10 +62,10 @@ class RotationFilter:
         lengths: np.ndarray,  # (n,), residual around every corner (m)
         free: np.ndarray,  # (n,) of bool, corners that are smoothed
     ) -> RotationFilter | None:
-        """Choose the edges that the residual is not short beside; None where there are none."""
+        """Choose the edges that are not long compared with the residual; None if there are none."""
         ends = np.repeat(np.arange(len(free)), np.diff(starts))
         weights = np.minimum(np.maximum(lengths[ends], lengths[neighbours]) ** 2 * scales, MOST_WEIGHT)
-        is_first = free[ends] & ((ends < neighbours) | ~free[neighbours])  # an edge between free ones is there twice
+        is_first = free[ends] & ((ends < neighbours) | ~free[neighbours])  # an edge between free corners occurs twice
         chosen = np.flatnonzero(is_first & (weights >= LEAST_WEIGHT))
         if not len(chosen):
             return None
@@ -78,7 +78,7 @@ class RotationFilter:
         return cls(ids, given, csr_array(differences[:, ids]), csr_array(differences[:, given]), weights[chosen])
 
     def __reduce__(self) -> tuple:
-        """Leave the factor behind: SuperLU cannot be pickled."""
+        """Pickle without the factor: SuperLU cannot be pickled."""
         return RotationFilter, (self.free, self.given, self.of_free, self.of_given, self.weights)
 
     @cached_property
@@ -93,33 +93,33 @@ class RotationFilter:
 
     @cached_property
     def _n_steps(self) -> int:
-        """Steps until the digits that large weights cost are back: each leaves their part of the error before it."""
+        """Steps that restore the digits lost to large weights: each leaves the same fraction of the previous error."""
         lost = 10.0 * np.finfo(float).eps * max(float(self.weights.max()), 1.0)
         return int(np.ceil(np.log(ROUND_OFF) / np.log(lost)))
 
     def forward(
         self,
-        rotations: np.ndarray,  # (n_free, 9), those of the corners that are smoothed
-        given: np.ndarray,  # (n_given, 9), those that are known
+        rotations: np.ndarray,  # (n_free, 9), of the corners that are smoothed
+        given: np.ndarray,  # (n_given, 9), of the known corners
     ) -> np.ndarray:  # (n_free, 9)
         """Smooth rotations less the identity, or changes of rotations."""
         jumps = self.of_given @ given
         return self._solved(rotations, rotations.copy(), lambda x: self.of_free @ x + jumps)
 
     def transpose(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Transpose of `forward`: derivatives with respect to rotations and given ones, from those of the result."""
+        """Transpose of `forward`: from derivatives of the result to derivatives of free and given rotations."""
         found = self._solved(bar, np.zeros_like(bar), lambda x: self.of_free @ x)
         return found, -(self.of_given.T @ (self.weights[:, None] * (self.of_free @ found)))
 
     def joined(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Corners that the rotations of the wanted ones, a mask, depend on: smoothed ones, and given ones."""
+        """Corners, smoothed and given, that the rotations of the wanted ones, a mask, depend on."""
         _, part = connected_components(self._matrix, directed=False)
         is_joined = np.isin(part, part[wanted[self.free]])
         edges = np.flatnonzero(self.of_free @ is_joined.astype(float) != 0.0)
         return self.free[is_joined], self.given[np.unique(self.of_given[edges].indices)]
 
     def _solved(self, load: np.ndarray, start: np.ndarray, jumps: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """Solve with corrections whose loads come from differences along edges, so that equal rotations stay equal."""
+        """Solve with corrections whose loads come from differences along edges, which keeps equal rotations equal."""
         found = start
         for _ in range(self._n_steps):
             pull = self.of_free.T @ (self.weights[:, None] * jumps(found))

@@ -1,18 +1,20 @@
-"""Vectors at the nodes of a grid that turn with their surroundings, such as the residual of a fit: ``T(b) r``.
+"""Vectors at the nodes of a grid that turn with their neighbourhood, such as the residual of a fit: ``T(b) r``.
 
-A vector that stays as it is while the grid turns about it shears the cells there; after a rigid motion it points the
-wrong way. So it is multiplied by a rotation: `LocalRotations` of the corners of the spans, which are points of the
-mapping itself, interpolated trilinearly within every span. The weights are positive and sum to one, so that a
-rigid motion of the control points turns every vector by its own rotation, to round-off. Where vectors are long beside
-the spans, the rotations are smoothed over their length first (`.rotation_filter`): else they would fold cells there.
+A vector that stays constant while the grid turns about it shears the cells there, and after a rigid motion it points
+the wrong way. So it is multiplied by a rotation: `LocalRotations` of the corners of the spans, which are points of the
+mapping itself, interpolated trilinearly within every span. The weights are positive and sum to one, so a rigid motion
+of the control points turns every vector by its own rotation, to round-off. Where vectors are long compared with the
+spans, the rotations are smoothed over their length first (`.rotation_filter`): otherwise they would fold cells there.
 
-- Corners on walls see the wall alone, so that vectors on it depend on the control points of the surface only. Corners
-  on other boundary faces see these alone, so that nothing turns where they are fixed; corners in planes of symmetry,
-  and in planes that walls end on, which slide as these do, see the plane. All others see their neighbours. Smoothing
-  joins corners of one kind, and takes rotations of walls into planes, and those of all faces inside, as given.
-- On planar boundary faces that are no walls, the part of a vector along the normal follows the face's mean normal, and
-  the rest stays in the plane: nodes do not leave a plane whose control points do not. Where corners see the plane alone
-  that is so anyway; where they see a wall or another face as well, the part along the normal is put in its place.
+- Corners on walls see only the wall, so vectors on it depend only on the control points of the surface. Corners on
+other
+  boundary faces see only these, so nothing turns where they are fixed. Corners in planes of symmetry, and in planes
+  that walls end on and that slide in the same way, see the plane. All others see their neighbours. Smoothing joins
+  corners of one kind. It takes the rotations of walls as given in planes, and the rotations of all faces as given
+  inside.
+- On planar boundary faces that are not walls, the part of a vector along the normal follows the face's mean normal, and
+  the rest stays in the plane: nodes do not leave a plane if its control points do not. Where corners see only the plane
+  this holds anyway. Where they also see a wall or another face, the part along the normal is replaced.
 
 Rotations are exact functions of the control points; the places of nodes and corners in their spans are fixed.
 
@@ -45,21 +47,21 @@ from .rotations import LocalRotations, Rotations
 __all__ = ["RotationMap", "RotationState"]
 
 ROTATION_INPUTS = ("control_points", "control_points_initial")
-"""What the rotations depend on."""
+"""Inputs of the rotations."""
 
 
 @dataclass(frozen=True, eq=False)
 class RotationMap:
     """The map from control points to the rotations of vectors at the nodes. Made by `RotationMap.of`."""
 
-    corners: Evaluator  # from control points to the corners of all spans, each shared one once
+    corners: Evaluator  # from control points to the corners of all spans, shared ones once
     points: np.ndarray  # (n_corners, 3), the corners on the baseline (m)
     groups: tuple[CornerGroup, ...]  # corners that see each other
     planes: tuple[PlaneNormal, ...]  # planes of boundary faces
     faces: tuple[BoundaryFace, ...]  # the boundary faces in them
-    plane_of_corner: np.ndarray  # (n_corners,) of int, the plane that a corner sees alone; -1 for none
+    plane_of_corner: np.ndarray  # (n_corners,) of int, the plane that is all a corner sees; -1 for none
     cells: tuple[SpanNodes, ...]  # the nodes of every volume
-    evaluator: Evaluator  # of the nodes; it gives the pieces of work and the number of threads
+    evaluator: Evaluator  # of the nodes; it defines the pieces of work and the number of threads
     flat: FaceNodes  # the nodes in planes
     flat_copies: np.ndarray  # (n_copies, 2) of int, rows that are copies of these, and the rows that they copy
 
@@ -68,7 +70,7 @@ class RotationMap:
         cls,
         numbering: NodeNumbering,  # the nodes; their topology has segments, links, and the kinds of boundary faces
         mesh: BSplineMesh,  # one volume per segment
-        # sequence of ndarray, each of shape (n_v, 3), parameters of the nodes that each segment evaluates
+        # each (n_v, 3), parameters of the nodes that each segment evaluates
         parameters: Sequence[np.ndarray],
         control_points: np.ndarray,  # (n_control_points, 3), control points of the baseline (m)
         # (n_corners,), largest vector around every corner (m), by `.residual_lengths.residual_lengths`
@@ -100,19 +102,19 @@ class RotationMap:
 
     @property
     def n_bytes(self) -> int:
-        """Memory besides the evaluator's (B)."""
+        """Memory in addition to the evaluator's (B)."""
         arrays = [array for cell in self.cells for array in (cell.corners, cell.fractions)]
         arrays += [self.flat.rows, self.flat.corners, self.flat.weights]
         return sum(array.nbytes for array in arrays) + int(self.corners.bytes_per_node * self.corners.n_rows)
 
     def vectors(self, vectors: np.ndarray) -> Vectors:
-        """Sort vectors of all nodes, shape (n_nodes, 3), so that they can be turned."""
+        """Sort vectors of all nodes, shape (n_nodes, 3), for turning."""
         inner = vectors.copy()
         inner[self.flat.rows] = 0.0
         return Vectors(tuple(cell.pack(inner) for cell in self.cells), vectors[self.flat.rows])
 
     def at(self, control_points: np.ndarray, initial: np.ndarray | None = None) -> RotationState:
-        """Rotations of control points, shape (n_control_points, 3), from where they were at first: on the baseline."""
+        """Rotations at control points, shape (n_control_points, 3), from initial ones, by default the baseline's."""
         moved = self.corners.forward(control_points)
         initial = self.points if initial is None else self.corners.forward(initial)
         matrices = np.tile(np.eye(3).ravel(), (self.corners.n_rows, 1))
@@ -124,7 +126,7 @@ class RotationMap:
         return RotationState(self, initial, moved, tuple(rotations), matrices, normals)
 
     def of_rows(self, rows: FaceNodes) -> RotationMap:
-        """Return the part of the map that the rotations of these nodes need."""
+        """The part of the map that the rotations of these nodes need."""
         needed, _ = self._dependencies(rows)
         return replace(self, groups=tuple(g for g in self.groups if needed[g.ids[g.belongs]].any()))
 
@@ -140,7 +142,7 @@ class RotationMap:
         return needed, np.unique(np.concatenate(seen))
 
     def rows(self, rows: np.ndarray) -> FaceNodes:
-        """Weights and planes of nodes on boundary faces by their rows, which are evaluated ones in ascending order."""
+        """Weights and planes of nodes on boundary faces by their rows, ascending and evaluated."""
         return _face_nodes(rows, self.cells, self.faces, self.plane_of_corner, self.evaluator.n_rows)
 
 
@@ -149,12 +151,12 @@ class RotationState:
     """Rotations at one set of control points."""
 
     of: RotationMap  # the map
-    # initial, moved: (n_corners, 3), corners of the spans at first and now (m)
+    # initial, moved: (n_corners, 3), corners of the spans initially and now (m)
     initial: np.ndarray
     moved: np.ndarray
     rotations: tuple[Rotations, ...]  # of every group
     matrices: np.ndarray  # (n_corners, 9), rotation of every corner
-    normals: np.ndarray  # (2, n_planes, 3), normals of all planes, now and at first
+    normals: np.ndarray  # (2, n_planes, 3), normals of all planes, now and initially
 
     def evaluate(self, control_points: np.ndarray, vectors: Vectors) -> np.ndarray:
         """Nodes ``A b + T v``, shape (n_nodes, 3)."""
@@ -164,7 +166,7 @@ class RotationState:
         )
 
     def change(self, d_control_points: np.ndarray, d_initial: np.ndarray | None = None) -> RotationState.Change:
-        """Differentiate the rotations along a direction in the control points, and in those at first."""
+        """Differentiate the rotations along a direction in the control points, and in the initial ones."""
         d_moved = self.of.corners.forward(d_control_points)
         d_first = None if d_initial is None else self.of.corners.forward(d_initial)
         d_matrices = np.zeros_like(self.matrices)
@@ -178,7 +180,7 @@ class RotationState:
 
     @dataclass(frozen=True, eq=False)
     class Change:
-        """Changes of the rotations of all corners, and of the normals of all planes, now and at first."""
+        """Changes of the rotations of all corners, and of the normals of all planes, now and initially."""
 
         matrices: np.ndarray
         normals: np.ndarray
@@ -190,7 +192,7 @@ class RotationState:
         vectors: Vectors,
         d_vectors: Vectors | None = None,
     ) -> np.ndarray:
-        """Change of `evaluate`, shape (n_nodes, 3), with that of the rotations, see `change`, and of the vectors."""
+        """Change of `evaluate`, shape (n_nodes, 3), with changes of the rotations, see `change`, and vectors."""
         d_flat = None if d_vectors is None else d_vectors.flat
         flat = self.of.flat.jvp(self.matrices, self.normals, vectors.flat, change.matrices, change.normals, d_flat)
         out = self._forward(d_control_points, change.matrices, vectors, flat)
@@ -201,12 +203,12 @@ class RotationState:
     def vjp(
         self,
         vectors: Vectors,  # the vectors
-        # (n_nodes, 3), derivative of a scalar with respect to the nodes, zero in copies where those of vectors are
-        # asked for
+        # (n_nodes, 3), derivative of a scalar with respect to the nodes, zero in copies if derivatives with respect to
+        # vectors are requested
         bar: np.ndarray,
         # which derivatives: ``points``, the control points of A b; ``control_points`` and ``control_points_initial``,
-        # those that T turns with, now and at first, all of shape (n_control_points, 3); and ``vectors``, shape
-        # (n_nodes, 3), of which those of copies do not count
+        # the control points that T turns with, now and initially, all of shape (n_control_points, 3); and ``vectors``,
+        # shape (n_nodes, 3), ignoring copies
         wrt: Collection[str],
     ) -> dict[str, np.ndarray]:
         """Transpose of `jvp` with `change`, in what nodes ``A b + T v`` depend on."""
@@ -219,12 +221,12 @@ class RotationState:
         return {name: bars[name] for name in wrt}
 
     def change_vjp(self, bar: RotationState.Change, wrt: Collection[str] = ROTATION_INPUTS) -> dict[str, np.ndarray]:
-        """Transpose of `change`, by the names of `vjp`; the bar of the matrices is used up."""
+        """Transpose of `change`, by the names of `vjp`; the bar of the matrices is overwritten."""
         moved_bar, initial_bar = np.zeros_like(self.moved), np.zeros_like(self.initial)
         is_live = "control_points_initial" in wrt
         names = ("initial", "moved") if is_live else ("moved",)
         for group, rotations in zip(reversed(self.of.groups), reversed(self.rotations)):
-            bars = rotations.vjp(group.pull(bar.matrices), names)  # smoothed towards those before it
+            bars = rotations.vjp(group.pull(bar.matrices), names)  # smoothed towards the groups before it
             moved_bar[group.ids] += bars["moved"]
             if is_live:
                 initial_bar[group.ids] += bars["initial"]
@@ -238,7 +240,7 @@ class RotationState:
     def _forward(
         self, control_points: np.ndarray, matrices: np.ndarray, vectors: Vectors, flat: np.ndarray
     ) -> np.ndarray:
-        """Evaluate and turn all nodes, those in planes with vectors that are turned already."""
+        """Evaluate and turn all nodes; vectors of nodes in planes are already turned."""
         cells = self.of.cells
         turned = [(cell.fractions, packed, cell.corners, matrices) for cell, packed in zip(cells, vectors.packed)]
         out = self.of.evaluator.forward(control_points, turned=turned)
@@ -261,7 +263,7 @@ class RotationState:
 
 @dataclass(frozen=True, eq=False)
 class CornerGroup:
-    """Corners that see each other: their numbers, and which of them take their rotation from here, smoothed or not."""
+    """Corners that see each other: their numbers, and which take their rotation from here, smoothed or not."""
 
     ids: np.ndarray
     belongs: np.ndarray
@@ -281,7 +283,7 @@ class CornerGroup:
         edges: np.ndarray | None = None,
         quads: np.ndarray | None = None,
     ) -> CornerGroup:
-        """Gather a group; one that is apart is not smoothed towards the corners of others."""
+        """Gather a group; a separate one is not smoothed towards the corners of others."""
         place = np.full(len(points), -1)
         place[ids] = np.arange(len(ids))
         edges, quads = (None if numbers is None else place[numbers] for numbers in (edges, quads))
@@ -293,7 +295,7 @@ class CornerGroup:
         first, second = np.concatenate(pairs, axis=1)
         in_sight = coo_array((np.ones(len(first)), (first, second)), shape=(len(ids), len(ids))).tocsr()
         in_sight = csr_array(in_sight + in_sight.T)
-        if ties is not None:  # of what its copies see
+        if ties is not None:  # from what its copies see
             groups = np.arange(len(ids))
             groups[ties.copies] = ties.originals
             alike = coo_array((np.ones(len(ids)), (np.arange(len(ids)), groups)), shape=in_sight.shape).tocsr()
@@ -304,7 +306,7 @@ class CornerGroup:
         return cls(ids, belongs, rotations, in_sight, smoothing)
 
     def at(self, initial: np.ndarray, moved: np.ndarray, matrices: np.ndarray) -> Rotations:
-        """Write the rotations of a move; exactly the identity where nothing in sight has moved."""
+        """Write the rotations of a move; exactly the identity where no visible point has moved."""
         rotations = self.rotations.at(initial[self.ids], moved[self.ids])
         is_still = self.in_sight @ (initial != moved).any(axis=1)[self.ids].astype(float) == 0.0
         belongs = np.where(is_still[:, None, None], np.eye(3), rotations.matrices)[self.belongs]
@@ -315,25 +317,25 @@ class CornerGroup:
     def jvp(
         self, rotations: Rotations, d_initial: np.ndarray | None, d_moved: np.ndarray, d_matrices: np.ndarray
     ) -> None:
-        """Write the change of the rotations, with changes of all corners at first, or None, and now."""
+        """Write the change of the rotations with changes of all corners, initial (or None) and current."""
         ids = self.ids
         change = rotations.jvp(None if d_initial is None else d_initial[ids], d_moved[ids])
         d_matrices[ids[self.belongs]] = change[self.belongs].reshape(-1, 9)
         self._smooth(d_matrices, np.zeros(9))
 
     def _smooth(self, matrices: np.ndarray, rest: np.ndarray) -> None:
-        """Smooth rotations, or changes of them, in place; those at rest stay exactly."""
+        """Smooth rotations, or changes of them, in place; rotations at rest stay exactly."""
         if self.filter is not None:
             free, given = self.ids[self.filter.free], self.ids[self.filter.given]
             matrices[free] = rest + self.filter.forward(matrices[free] - rest, matrices[given] - rest)
 
     def pull(
         self,
-        # (n_corners, 9), groups come in reverse order; what smoothing hands on to corners of groups before this is
-        # added
+        # (n_corners, 9), groups come in reverse order; the derivatives that smoothing passes to corners of earlier
+        # groups are added
         bar: np.ndarray,
     ) -> np.ndarray:
-        """Derivatives with respect to the rotations of the group before smoothing, from those with respect to all."""
+        """Derivatives with respect to the group's rotations before smoothing, from those with respect to all."""
         if self.filter is not None:
             free, given = self.ids[self.filter.free], self.ids[self.filter.given]
             bar[free], given_bar = self.filter.transpose(bar[free])
@@ -341,7 +343,7 @@ class CornerGroup:
         return np.where(self.belongs[:, None], bar[self.ids], 0.0).reshape(-1, 3, 3)
 
     def add_dependencies(self, needed: np.ndarray) -> np.ndarray:
-        """Add to a mask of corners those that smoothing joins with them; return the corners that all these see."""
+        """Add to a mask of corners the ones joined to them by smoothing; return the corners that all these see."""
         wanted = self.belongs & needed[self.ids]
         if self.filter is not None and wanted.any():
             free, given = self.filter.joined(wanted)
@@ -372,7 +374,7 @@ def _face_nodes(
     plane_of_corner: np.ndarray,
     n_rows: int,
 ) -> FaceNodes:
-    """Weights and planes of nodes by their rows; ``faces`` are those in planes."""
+    """Weights and planes of nodes by their rows; ``faces`` are the faces in planes."""
     places, found, place = [], [], np.full(n_rows, -1)
     place[rows] = np.arange(len(rows))
     for cell in cells:
@@ -399,7 +401,7 @@ def _face_nodes(
 def _groups(
     faces: list[BoundaryFace], ids: Sequence[np.ndarray], points: np.ndarray, lengths: np.ndarray, ties: Ties | None
 ) -> tuple[tuple[CornerGroup, ...], np.ndarray]:
-    """Corners on walls, on other boundary faces, in planes that slide, and all; and the plane that each sees alone."""
+    """Corners on walls, on other boundary faces, in sliding planes, and all; and the only plane that each sees."""
     pairs = [
         np.stack([n.take(range(n.shape[d] - 1), d), n.take(range(1, n.shape[d]), d)]) for n in ids for d in range(3)
     ]
@@ -416,7 +418,7 @@ def _groups(
         if quads:
             members, corners = np.unique(np.concatenate(quads)), np.concatenate(quads)
             group = CornerGroup.of(points, lengths, members, rank[members] == k, k < 2, ties, quads=corners)
-            if group.filter is not None:  # smoothed corners see those of other planes and walls as well
+            if group.filter is not None:  # smoothed corners also see corners of other planes and walls
                 plane[members[group.filter.free]] = -1
             groups.append(group)
     groups.append(CornerGroup.of(points, lengths, np.arange(len(points)), rank == 3, False, ties, edges=edges))

@@ -1,16 +1,16 @@
-"""Rotations of the surroundings of every point of a set when the points move: a smooth rotation per point.
+"""Rotations of the neighbourhood of every point of a set when the points move: a smooth rotation per point.
 
 Point i sees the vectors e to its neighbours and the areas a of the quads around it, before and (primed) after a move::
 
     M_i = sum_e e' (x) e / |e|^2 + sum_q a'_q (x) a_q / |a_q|^2,        M_i = R_i S_i, S_i symmetric,
 
 and R_i, the rotation nearest to M_i, is its rotation. A rigid motion of the points gives M = R A with the symmetric
-matrix A of the points at rest, so its own rotation to round-off. Each edge counts the same however long it is, so that
-spacings of 1e-3 by 1 do not matter. Quads tell where a surface looks to: both sides of a thin plate, whose areas cancel
-as vectors, add up as products. The scales ``|e|^2`` and ``|a|^2`` are those of the baseline and stay, so that M is
-linear in the points before and in the edges and areas after the move.
+matrix A of the points at rest, hence R to round-off. Each edge counts the same however long it is, so spacings of 1e-3
+by 1 do not matter. Quads determine which way a surface faces: both sides of a thin plate, whose areas cancel as
+vectors, add up as products. The scales ``|e|^2`` and ``|a|^2`` are taken from the baseline and stay, so M is linear in
+the points before and in the edges and areas after the move.
 
-Points of periodic sides that are tied see what their copies see, too (`.tied_sums`). `rotation_group` finds R, and its
+Points of tied periodic sides also see what their copies see (`.tied_sums`). `rotation_group` finds R, and its
 derivative.
 
 Theory: ``docs/theory/wall_layer.rst``.
@@ -38,47 +38,22 @@ from .tied_sums import TiedSums
 __all__ = ["LocalRotations", "Rotations"]
 
 MOVES = ("initial", "moved", "normals")
-"""What rotations depend on: points before and after the move, and normals of planes after it."""
+"""Inputs of rotations: points before and after the move, and normals of planes after it."""
 
 CHUNK_POINTS = 2**11
-"""Points per piece of work: about 1 ms, long beside the start of a thread."""
+"""Points per piece of work: about 1 ms, long compared with the start of a thread."""
 
 NO_LENGTH = 1e-10
-"""Edges much shorter than this part of the size of the set do not count: round-off alone turns them."""
+"""Edges much shorter than this fraction of the size of the set do not count: only round-off turns them."""
 
 NO_SPREAD = 1e-6
-"""Second eigenvalue of the matrix of a point at rest, relative to the first, below which the point sees one direction
-only, so that no rotation is determined: it takes what its neighbours see, too."""
+"""Second eigenvalue of the matrix of a point at rest, relative to the first, below which the point sees only one
+direction and no rotation is determined: it then also takes what its neighbours see."""
 
 
 @dataclass(frozen=True, eq=False)
 class LocalRotations:
-    """Rotation of each point's surroundings as a smooth function of the points. Made by `LocalRotations.of`.
-
-    Parameters
-    ----------
-    starts : ndarray of int, shape (n + 1,)
-        First neighbour of each point.
-    neighbours : ndarray of int32, shape (n_sides,)
-        The other end of each edge of each point.
-    scales : ndarray, shape (n_sides,)
-        1 / squared length of each of these edges on the baseline.
-    quads : ndarray of int32, shape (n_quads, 4)
-        Corners of the quads in turn.
-    quad_scales : ndarray, shape (n_quads,)
-        1 / squared area of each on the baseline; 0 for one that has none.
-    corner_starts, corners : ndarray of int, shapes (n + 1,) and (4 n_quads,)
-        First corner at each point, and the corners: four times the number of the quad plus that of its corner there.
-    mix : csr_array or None
-        Weights of the neighbours' matrices for points that see one direction only.
-    planes : tuple of (ndarray of int, ndarray of shape (3,))
-        Points in planes of symmetry, and the unit normal of each plane.
-    fixed : ndarray of int
-        Points that never turn.
-    tied : TiedSums or None
-        Points that are one but for a motion.
-    n_threads : int, optional
-        Number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
+    """Rotation of each point's neighbourhood as a smooth function of the points. Made by `LocalRotations.of`.
 
     Examples
     --------
@@ -90,33 +65,35 @@ class LocalRotations:
     np.True_
     """
 
-    starts: np.ndarray
-    neighbours: np.ndarray
-    scales: np.ndarray
-    quads: np.ndarray
-    quad_scales: np.ndarray
+    starts: np.ndarray  # int (n + 1,), first neighbour of each point
+    neighbours: np.ndarray  # int32 (n_sides,), the other end of each edge of each point
+    scales: np.ndarray  # (n_sides,), 1 / squared length of each of these edges on the baseline
+    quads: np.ndarray  # int32 (n_quads, 4), corners of the quads in order
+    quad_scales: np.ndarray  # (n_quads,), 1 / squared area of each on the baseline; 0 for one without area
+    # int (n + 1,) and (4 n_quads,), first corner at each point, and the corners: four times the number of the quad plus
+    # the number of its corner
     corner_starts: np.ndarray
     corners: np.ndarray
-    mix: csr_array | None = None
-    planes: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
-    fixed: np.ndarray | None = None
-    tied: TiedSums | None = None
-    n_threads: int | None = None
+    mix: csr_array | None = None  # weights of the neighbours' matrices for points that see only one direction
+    planes: tuple[tuple[np.ndarray, np.ndarray], ...] = ()  # of int, points in each plane of symmetry, and unit normal
+    fixed: np.ndarray | None = None  # of int, points that never turn
+    tied: TiedSums | None = None  # points that are the same up to a motion
+    n_threads: int | None = None  # None stands for ``NUMBA_NUM_THREADS``; results do not depend on it
 
     @classmethod
     def of(
         cls,
         points: np.ndarray,  # (n, 3), the points on the baseline (m)
-        # (n_edges, 2) of int, pairs of neighbours, in any order; edges without length do not count, nor does the second
-        # of two same ones
+        # (n_edges, 2) of int, pairs of neighbours, in any order; edges without length do not count, nor does a repeated
+        # edge
         edges: np.ndarray | None = None,
-        # (n_quads, 4) of int, corners of quads in turn; their sides are edges. Points may stand for several corners.
+        # (n_quads, 4) of int, corners of quads in order; their sides are edges. A point may be several corners.
         quads: np.ndarray | None = None,
-        # sequence of (ndarray of int, ndarray of shape (3,)) of int, points in a plane of symmetry, and its normal;
-        # they see the mirror image of what they see. Planes that share points must be at right angles. Where a plane
-        # itself moves, tell `at` its normal.
+        # sequence of (ndarray of int, ndarray of shape (3,)), points in a plane of symmetry, and its normal; they also
+        # see the mirror image of what they see. Planes that share points must be at right angles. If a plane itself
+        # moves, give `at` its normal.
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-        fixed: np.ndarray | None = None,  # of int, points that are not to turn
+        fixed: np.ndarray | None = None,  # of int, points that must not turn
         ties: Ties | None = None,  # points of periodic sides, which turn as their copies do
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
     ) -> LocalRotations:  # points without neighbours and quads never turn
@@ -156,9 +133,9 @@ class LocalRotations:
 
     def at(
         self,
-        initial: np.ndarray,  # initial, moved: (n, 3), points before and after it (m); real or complex
+        initial: np.ndarray,  # initial, moved: (n, 3), points before and after the move (m); real or complex
         moved: np.ndarray,
-        # (n_planes, 3), unit normals of the planes of symmetry after it; by default they stay
+        # (n_planes, 3), unit normals of the planes of symmetry after the move; by default they stay
         normals: np.ndarray | None = None,
     ) -> Rotations:
         """Rotations of a move."""
@@ -202,14 +179,14 @@ class LocalRotations:
     def _moments(
         self, initial: np.ndarray, moved: np.ndarray, initial_areas: np.ndarray, moved_areas: np.ndarray
     ) -> np.ndarray:
-        """Sum up M of every point, shape (n, 3, 3): linear in the points before, and in those after the move."""
+        """Sum up M of every point, shape (n, 3, 3): linear in the points before and in the points after the move."""
         sums = np.empty((self.n_points, 3, 3), dtype=np.result_type(initial, moved))
         graph = self.starts, self.neighbours, self.scales, self.corner_starts, self.corners, self.quad_scales
         self.over_points(_moments, *graph, initial, moved, initial_areas, moved_areas, sums)
         return self._with_neighbours(sums, self.mix)
 
     def _alike(self, matrices: np.ndarray) -> np.ndarray:
-        """Matrices with what copies see; its own transpose."""
+        """Matrices that include what copies see; its own transpose."""
         return matrices if self.tied is None else self.tied.of(matrices)
 
     def _moments_transposed(
@@ -217,8 +194,8 @@ class LocalRotations:
         bar: np.ndarray,  # (n, 3, 3), one matrix per point
         points: np.ndarray,  # points, areas: (n, 3) and (n_quads, 3), points and areas of the other side
         areas: np.ndarray,
-        asked: np.ndarray,  # (n, 3), points of the side asked
-        transposed: bool,  # whether the side asked is the one before the move
+        asked: np.ndarray,  # (n, 3), points of the side to differentiate in
+        transposed: bool,  # whether this side is the one before the move
     ) -> np.ndarray:
         """Derivative of ``sum(bar M)`` with respect to the points after the move, or before it, shape (n, 3)."""
         if self.mix is not None:
@@ -233,12 +210,12 @@ class LocalRotations:
         return out
 
     def _with_neighbours(self, matrices: np.ndarray, mix: csr_array | None) -> np.ndarray:
-        """Add what copies see, and the matrices of neighbours for the points that need them."""
+        """Add the matrices of copies, and the matrices of neighbours for the points that need them."""
         matrices = self._alike(matrices)
         return matrices if mix is None else matrices + self._alike((mix @ matrices.reshape(-1, 9)).reshape(-1, 3, 3))
 
     def _neighbour_mix(self, points: np.ndarray, fractions: np.ndarray) -> tuple[csr_array | None, np.ndarray]:
-        """Weights of neighbours for points that see one direction only, and the points that see no more even so."""
+        """Weights of neighbours for points that see only one direction, and points that still see no more."""
         areas = self.areas(points)
         seen = self._moments(points, points, areas, areas)
         alone = _is_alone(seen)
@@ -269,7 +246,7 @@ class Rotations:
     initial, moved : ndarray, shape (n, 3)
         Points before and after the move.
     areas : tuple of two ndarray of shape (n_quads, 3)
-        Areas of the quads before and after it.
+        Areas of the quads before and after the move.
     matrices : ndarray, shape (n, 3, 3)
         The rotations.
     stiffness : ndarray, shape (n, 3, 3)
@@ -292,7 +269,7 @@ class Rotations:
         Parameters
         ----------
         d_initial, d_moved : ndarray, shape (n, 3)
-            Change of the points before and after the move; None for no change of those before.
+            Change of the points before and after the move; None for no change before.
         d_normals : ndarray, shape (n_planes, 3), optional
             Change of the normals of the planes after the move.
         """
@@ -315,8 +292,8 @@ class Rotations:
         bar : ndarray, shape (n, 3, 3)
             Derivative of a scalar with respect to the rotations.
         wrt : collection of str
-            Which derivatives: those with respect to the points before the move, ``initial``, and after it, ``moved``,
-            both of shape (n, 3), and to the ``normals`` of the planes after it, shape (n_planes, 3).
+            Which derivatives: with respect to the points before the move, ``initial``, and after it, ``moved``, both of
+            shape (n, 3), and to the ``normals`` of the planes after it, shape (n_planes, 3).
         """
         back, normals_bar = self._back(bar)
         bars, transposed = {"normals": normals_bar}, self.of._moments_transposed
@@ -360,7 +337,7 @@ def _neighbours(points: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _corners(quads: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """First corner at every point, and the corners: four times the number of the quad plus that of the corner."""
+    """First corner at every point, and the corners: four times the number of the quad plus the corner's."""
     order = np.argsort(quads.ravel(), kind="stable")
     return np.searchsorted(quads.ravel()[order], np.arange(n + 1)), order
 
@@ -381,7 +358,7 @@ def _size(points: np.ndarray) -> float:
 
 
 def _is_alone(matrices: np.ndarray) -> np.ndarray:
-    """Whether a matrix at rest has one direction, or none, so that no rotation is nearest."""
+    """Whether a matrix at rest has one direction or none, so no rotation is nearest."""
     second, first = np.linalg.eigvalsh(matrices)[:, 1:].T
     return ~(second > NO_SPREAD * np.maximum(first, 1.0))
 

@@ -1,6 +1,6 @@
-"""Transfinite interpolation of the edges, faces and insides of many pieces, and its transpose.
+"""Transfinite interpolation of the edges, faces and interiors of many pieces, and its transpose.
 
-What is known at the ends of a section, in each of its directions, is carried to its inner points by the Boolean sum of
+Values at the ends of a section, in each of its directions, are interpolated to its inner points by the Boolean sum of
 projectors of Gordon and Hall, in proportion to arc lengths of the baseline.
 
 W. J. Gordon and C. A. Hall, "Construction of curvilinear co-ordinate systems and applications to mesh generation",
@@ -26,11 +26,11 @@ __all__ = ["Sections"]
 
 @dataclass(frozen=True, eq=False)
 class Sections(OneLine):
-    """Edges, faces or insides of pieces, one after the other in flat arrays."""
+    """Edges, faces or interiors of pieces, one after the other in flat arrays."""
 
     shapes: np.ndarray  # (n, 3) of int, points of each section by direction
     starts: np.ndarray  # (n, 4) of int, first row of each section, and its first blend in each direction
-    # of int, rows in the grid vector of its points in C order; -1 for inner points that have their displacement already
+    # of int, rows in the grid vector of its points in C order; -1 for inner points whose displacement is known
     rows: np.ndarray
     blends: np.ndarray  # places of its points between the two ends of each direction, from 0 to 1
 
@@ -39,8 +39,8 @@ class Sections(OneLine):
         cls, pieces: Sequence[tuple[np.ndarray, np.ndarray]], n_free: int, is_done: np.ndarray, is_moving: np.ndarray
     ) -> Sections:
         """Gather the sections of some free directions."""
-        # Sections without a point that is not done are skipped, and so are those with nothing that moves at their ends.
-        # What is gathered is marked as done, and as moving.
+        # Sections whose points are all done are skipped, and so are sections with nothing that moves at their ends.
+        # Gathered ones are marked as done, and as moving.
         found = []
         for ids, points in pieces:
             for section in sections_of(ids.shape, n_free):
@@ -74,7 +74,7 @@ class Sections(OneLine):
         )
 
     def part(self, is_wanted: np.ndarray) -> Sections:
-        """Return the sections that wanted nodes are in, by rows; what these depend on is marked as wanted as well."""
+        """The sections that contain wanted nodes, by rows; nodes that these depend on are also marked as wanted."""
         found = []
         for shape, (first, *starts) in zip(self.shapes[::-1], self.starts[::-1]):
             here = self.rows[first : first + np.prod(shape)].reshape(shape).copy()
@@ -89,7 +89,7 @@ class Sections(OneLine):
         return self._joined(found[::-1])
 
     def among(self, numbering: NodeNumbering) -> Sections:
-        """Return the same with nodes numbered as some hold them."""
+        """The same sections with the nodes of a numbering."""
         rows = np.where(self.rows >= 0, numbering.numbers_of(self.rows), -1).astype(np.int32)
         return replace(self, rows=rows)
 
@@ -98,22 +98,22 @@ class Sections(OneLine):
         _fill(self.shapes, self.starts, self.rows, self.blends, values)
 
     def fill_transpose(self, bars: np.ndarray) -> None:
-        """Transpose of `fill`: add what the inner points have to the boundary of every section, in place."""
+        """Transpose of `fill`: add the values of inner points to the boundary of every section, in place."""
         _fill_transpose(self.shapes, self.starts, self.rows, self.blends, bars)
 
     @property
     def n_bytes(self) -> int:
-        """Memory that it takes (B)."""
+        """Memory in bytes."""
         return self.shapes.nbytes + self.starts.nbytes + self.rows.nbytes + self.blends.nbytes
 
 
 def _inside(shape: tuple[int, ...]) -> tuple[slice, ...]:
-    """Slices that cut the inner points out of a section: those between the ends of its free directions."""
+    """Slices that cut the inner points out of a section, between the ends of its free directions."""
     return tuple(slice(1, -1) if n > 1 else slice(None) for n in shape)
 
 
 def _first_of_each(ids: np.ndarray) -> np.ndarray:
-    """Mask of the first occurrence of each number: a folded section holds points twice."""
+    """Mask of the first occurrence of each number: a folded section has points twice."""
     is_first = np.zeros(ids.size, dtype=bool)
     is_first[np.unique(ids, return_index=True)[1]] = True
     return is_first.reshape(ids.shape)
@@ -139,7 +139,7 @@ def _blends(points: np.ndarray) -> list[np.ndarray]:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill(shapes, starts, rows, blends, values):
     """Boolean sum I - (I - P0) (I - P1) (I - P2) = P2 + P1 (I - P2) + P0 (I - P1) (I - P2) in every section."""
-    # P_d, the interpolation along direction d, takes part where the direction has more than one point.
+    # P_d, the interpolation along direction d, takes part if the direction has more than one point.
     for number in range(len(shapes)):
         ids, (b0, b1, b2), part = _section(number, shapes, starts, rows, blends)
         e0, e1, e2 = _ends(ids.shape)
@@ -166,7 +166,7 @@ def _fill(shapes, starts, rows, blends, values):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill_transpose(shapes, starts, rows, blends, bars):
-    """Transpose of `_fill`: what the inner points have is added to the boundary of every section."""
+    """Transpose of `_fill`: values of inner points are added to the boundary of every section."""
     for number in range(len(shapes)):
         ids, (b0, b1, b2), part = _section(number, shapes, starts, rows, blends)
         e0, e1, e2 = _ends(ids.shape)
@@ -198,7 +198,7 @@ def _fill_transpose(shapes, starts, rows, blends, bars):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _section(number, shapes, starts, rows, blends):
-    """Rows and blends of a section, and for each direction 1 where it takes part: also its first inner point."""
+    """Rows and blends of a section, and 1 for each direction that takes part, which is also its first inner point."""
     n0, n1, n2 = shapes[number]
     at, s0, s1, s2 = starts[number]
     ids = rows[at : at + n0 * n1 * n2].reshape((n0, n1, n2))
@@ -208,15 +208,15 @@ def _section(number, shapes, starts, rows, blends):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _ends(shape):
-    """Zeros for what is interpolated along each direction, at both of its ends."""
+    """Zeros for the values to interpolate along each direction, at both of its ends."""
     n0, n1, n2 = shape
     return np.zeros((2, n1, 3, n2)), np.zeros((2, n0, 3, n2)), np.zeros((2, n0, n1, 3))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _exchange(ids, b1, b2, part, values, e0, e1, e2, is_transpose):
-    """Write U at the ends of direction 2, (I - P2) U at those of 1, and (I - P1) (I - P2) U at those of 0."""
-    # The transpose adds what is at these ends to ``values``.
+    """Write U at the ends of direction 2, (I - P2) U at the ends of 1, and (I - P1) (I - P2) U at the ends of 0."""
+    # The transpose adds the values at these ends to ``values``.
     n0, n1 = ids.shape[:2]
     for e in range(2):
         if part[2]:

@@ -1,12 +1,13 @@
-"""Matrices of points of periodic sides: sums over what all copies see, each turned back, as in the whole wheel.
+"""Matrices of points of periodic sides: sums over all copies, each turned back, as in the whole wheel.
 
-A point of a side sees its neighbours on the one side of it, and its copy those on the other. With the rotations T_c
-that lay the point onto its copies, and with what these see, M_c, all of them have, but for these rotations,
+A point of a side sees its neighbours on the one side of it, and its copy sees the neighbours on the other side. With
+the rotations T_c that map the point to its copies, and the matrices M_c of these, all of them have, up to these
+rotations,
 
     M = sum_c T_c^T M_c T_c.
 
-Edges between points of a side are seen by several copies, and count as a part in each. A point on the axis of a sector
-sees the same in all sectors: its matrix is the mean over all turns about the axis. Both maps are symmetric.
+Edges between points of a side are seen by several copies, and count as a fraction in each. A point on the axis of a
+sector sees the same in all sectors: its matrix is the mean over all turns about the axis. Both maps are symmetric.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -22,7 +23,7 @@ from ...grids.topology.periodic_ties import Ties
 __all__ = ["TiedSums"]
 
 DECIMALS = 6
-"""Decimals, of rotations and of shifts by the size of the set, by which edges are the same but for a motion."""
+"""Decimals, of rotations and of shifts relative to the size, to which edges are the same up to a motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +51,9 @@ class TiedSums:
         return ids, across
 
     def fractions(self, starts: np.ndarray, neighbours: np.ndarray, size: float) -> np.ndarray:
-        """Part that each edge from a point to a neighbour counts: 1 / how many copies of the point see it."""
-        # Edges are the same if they join copies of the same two points, one of which is to the other as in the other
-        # edge. What is on an axis has no place in a sector.
+        """Fraction with which each edge from a point to a neighbour counts: 1 / how many copies of the point see it."""
+        # Edges are the same if they join copies of the same two points that have the same relative motion. A point on
+        # an axis has no place in a sector.
         ties, n = self.ties, len(starts) - 1
         root, turns, shifts = np.arange(n), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
         root[ties.copies], turns[ties.copies], shifts[ties.copies] = ties.originals, ties.turns, ties.shifts
@@ -71,7 +72,7 @@ class TiedSums:
 
 
 def _mean_of_turns(matrices: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """Mean over all turns about an axis, of which the projector across it is given, both of shape (n, 3, 3)."""
+    """Mean over all turns about an axis, given the projector across it, both of shape (n, 3, 3)."""
     along = np.eye(3) - across
     on_axis = np.einsum("nij,nij->n", along, matrices)[:, None, None]
     rest = 0.5 * np.einsum("nij,nij->n", across, matrices)[:, None, None]

@@ -13,16 +13,14 @@ from .normal_cones import BEHIND
 __all__ = ["SAME_DISTANCE", "closest_place", "is_minimum", "is_on_fluid_side", "way_from"]
 
 SAME_DISTANCE = 1e-9
-"""Distances that differ by less than this part of them are the same: round-off of coordinates decides."""
+"""Distances that differ by less than this fraction are the same: round-off of coordinates decides."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def closest_place(points, triangles, t, x, y, z):
-    """Squared distance of a point p from a triangle, and the barycentric coordinates of the closest point of this.
-
-    C. Ericson, Real-Time Collision Detection (2005), section 5.1.5: regions of corners, edges and the face in turn, and
-    exact zeros for corners that the point does not depend on.
-    """
+    """Squared distance of a point p from a triangle, and the barycentric coordinates of its closest point."""
+    # C. Ericson, Real-Time Collision Detection (2005), section 5.1.5: regions of corners, edges and the face in order,
+    # with exact zeros for corners that the point does not depend on.
     i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
     ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
     bx, by, bz = points[j, 0], points[j, 1], points[j, 2]
@@ -60,7 +58,7 @@ def closest_place(points, triangles, t, x, y, z):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def way_from(points, triangles, t, u, v, w, x, y, z):
-    """The way from a place of a triangle to a point."""
+    """The vector from a place of a triangle to a point."""
     i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
     return (
         x - (u * points[i, 0] + v * points[j, 0] + w * points[k, 0]),
@@ -94,8 +92,8 @@ def is_minimum(x, y, z, t, distance, u, v, w, points, triangles, planes, around_
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _by_lines(x, y, z, t, near, u, v, w, points, triangles, around_starts, around):
     """Whether lines from a place of a triangle to corners of others there lead nearer to a point than ``near``."""
-    # -1 if one does, 1 if all lead away, and then no triangle there leads nearer; 0 where round-off decides. Of a
-    # hundred places that are tried about a point, all but one are settled by their first lines.
+    # -1 if one does, 1 if all lead away, and then no triangle there leads nearer; 0 if round-off decides. Of a hundred
+    # places that are tried about a point, all but one are settled by their first lines.
     i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
     px, py, pz = way_from(points, triangles, t, u, v, w, x, y, z)
     fx = u * points[i, 0] + v * points[j, 0] + w * points[k, 0]
@@ -122,7 +120,7 @@ def _by_lines(x, y, z, t, near, u, v, w, points, triangles, around_starts, aroun
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _first_corner(triangles, t, u, v, w):
-    """The corner with the largest weight, the first of these."""
+    """The corner with the largest weight, the first of equal ones."""
     if u >= v and u >= w:
         return triangles[t, 0]
     return triangles[t, 1] if v >= w else triangles[t, 2]
@@ -130,7 +128,7 @@ def _first_corner(triangles, t, u, v, w):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _has_place(triangles, neighbour, t, u, v, w):
-    """Whether a triangle has all the corners of another one that a place of this depends on."""
+    """Whether a triangle has all corners that a place of another one depends on."""
     a, b, c = triangles[neighbour, 0], triangles[neighbour, 1], triangles[neighbour, 2]
     i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
     return (u <= 0.0 or i in (a, b, c)) and (v <= 0.0 or j in (a, b, c)) and (w <= 0.0 or k in (a, b, c))

@@ -34,14 +34,14 @@ class Wall:
     def of(
         cls,
         points: np.ndarray,  # (n, 3), its nodes on the baseline (m), each once
-        quads: np.ndarray,  # (n_quads, 4) of int, corners of its quads in turn, around the normal into the fluid
-        heights: np.ndarray,  # (n,), heights of the first cells at the nodes (m); 0 where there is none
-        # sequence of (ndarray of int, ndarray of shape (3,)) of int, nodes in planes that they must stay in, and the
-        # planes' normals: their rotation keeps the plane
+        quads: np.ndarray,  # (n_quads, 4) of int, corners of its quads in order, around the normal into the fluid
+        heights: np.ndarray,  # (n,), heights of the first cells at the nodes (m); 0 if there is none
+        # sequence of (ndarray of int, ndarray of shape (3,)), nodes in planes that they must stay in, and the planes'
+        # normals: their rotation keeps the plane
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-        fixed: np.ndarray | None = None,  # of int, nodes that never turn, such as those on a fixed boundary
-        # (n_quads,) of int, face that each quad belongs to. Heights are kept above each face by itself, where several
-        # meet in a node.
+        fixed: np.ndarray | None = None,  # of int, nodes that never turn, such as nodes on a fixed boundary
+        # (n_quads,) of int, face that each quad belongs to; heights are kept above each face separately if several meet
+        # in a node
         faces: np.ndarray | None = None,
         n_threads: int | None = None,  # number of threads; by default ``NUMBA_NUM_THREADS``
         settings: LayerSettings = LAYER,
@@ -79,7 +79,7 @@ def _reach(points: np.ndarray, quads: np.ndarray, heights: np.ndarray, settings:
 
 
 def _viscosity(spacing: np.ndarray, heights: np.ndarray, settings: LayerSettings) -> float:
-    """Fraction of its reach that a wall has: where cells are as high as wide, a layer is useless and costs quality."""
+    """Fraction of its reach that a wall has: if cells are as high as wide, a layer is useless and costs quality."""
     has_height = heights > 0.0
     if not has_height.any():
         return 0.0

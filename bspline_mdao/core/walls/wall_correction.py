@@ -1,12 +1,12 @@
 """A correction that puts wall nodes exactly where they are given, and fades over the volume.
 
-Control points alone put wall nodes only nearly where they are given. The mismatch is known at wall nodes. All segments
-are cut into *pieces*, some `PIECE` cells long along walls and as long as the segment in all other directions. The
+Control points put wall nodes only approximately where they are given. The mismatch is known at wall nodes. All segments
+are cut into *pieces*, about `PIECE` cells long along walls and as long as the segment in all other directions. The
 correction follows in three steps:
 
 1. The corners of the pieces follow a network of springs between the walls and the rest of the boundary, which stays.
-2. Edges, faces and insides of the pieces follow, in this order, by transfinite interpolation (see `.sections`).
-3. Copies of nodes take what the nodes have that they copy.
+2. Edges, faces and interiors of the pieces follow, in this order, by transfinite interpolation (see `.sections`).
+3. Copies of nodes take the values of their originals.
 
 So the correction fades over whole blocks, and where blocks are thin, beyond them.
 
@@ -35,19 +35,19 @@ from .sections import Sections
 __all__ = ["WallCorrection"]
 
 PIECE = 8
-"""Cells of a piece along walls: the correction goes on beyond thin blocks at this resolution."""
+"""Cells of a piece along walls: the correction continues beyond thin blocks at this resolution."""
 
 INDEPENDENT = 1e-3
-"""Least singular value of independent normals: planes that meet at a smaller angle (rad) are one but for round-off."""
+"""Least singular value of independent normals: planes at a smaller angle (rad) are one up to round-off."""
 
 
 @dataclass(frozen=True, eq=False)
 class WallCorrection(OneLine):
     """The linear map from displacements of wall nodes to displacements of all nodes, and its transpose.
 
-    # It reproduces the displacement of the wall, is zero on all other boundaries but within a segment of where a wall
-    # ends on them, and keeps nodes in planes of symmetry if the displacement of the wall does. Made by
-    # `WallCorrection.of`.
+    It reproduces the displacement of the wall and is zero on all other boundaries, except within a segment of where a
+    wall ends on them. It keeps nodes in planes of symmetry if the displacement of the wall does. Made by
+    `WallCorrection.of`.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ class WallCorrection(OneLine):
     corner_ids : ndarray of int, shape (n_corners,)
         Which of the network's free points they are.
     network : SpringNetwork
-        Their displacement from that of the wall's corners.
+        Their displacement from the displacement of the wall's corners.
     levels : tuple of Sections
-        Edges, faces and insides of the pieces.
+        Edges, faces and interiors of the pieces.
     copies : ndarray of int, shape (n_copies, 2)
         Rows that are copies, and the rows that they copy.
     n_nodes : int
@@ -98,7 +98,7 @@ class WallCorrection(OneLine):
         cls,
         topology: Topology,  # topology of the grid
         nodes: np.ndarray,  # (n_nodes, 3), the baseline (m)
-        # (n_wall,) of int, rows in the grid vector of the nodes whose displacement is known, each shared node once
+        # (n_wall,) of int, rows in the grid vector of the nodes with known displacement, shared ones once
         rows: np.ndarray,
     ) -> WallCorrection:
         """Prepare the map of a baseline grid."""
@@ -130,9 +130,9 @@ class WallCorrection(OneLine):
 
     def part(
         self,
-        rows: np.ndarray,  # of int, rows of nodes that are no copies
+        rows: np.ndarray,  # of int, rows of nodes that are not copies
     ) -> WallCorrection:
-        """Return what the correction of some nodes depends on; of all others it is zero."""
+        """The part of the correction that some nodes depend on; it is zero for all others."""
         is_wanted = np.zeros(self.n_nodes, dtype=bool)
         is_wanted[rows] = True
         levels = [level.part(is_wanted) for level in self.levels[::-1]][::-1]
@@ -146,7 +146,7 @@ class WallCorrection(OneLine):
         return np.unique(np.concatenate([self.rows, self.corner_rows, *inner]))
 
     def among(self, numbering: NodeNumbering) -> WallCorrection:
-        """Return the same for nodes that are numbered as some hold them, all that are `needed` among them."""
+        """The same correction for the nodes of a numbering, which must include all that are `needed`."""
         return replace(
             self,
             rows=numbering.numbers_of(self.rows),
@@ -158,7 +158,7 @@ class WallCorrection(OneLine):
 
     @property
     def n_bytes(self) -> int:
-        """Memory that it takes (B)."""
+        """Memory in bytes."""
         return sum(level.n_bytes for level in self.levels) + self.rows.nbytes + self.copies.nbytes
 
     def meet(
@@ -166,16 +166,16 @@ class WallCorrection(OneLine):
         nodes: np.ndarray,  # (n_nodes, 3), nodes (m), overwritten by the corrected ones
         wall: np.ndarray,  # (n_wall, 3), where the wall nodes are to be (m)
     ) -> np.ndarray:  # (n_wall, 3), the mismatch before (m)
-        """Correct nodes, shape (n_nodes, 3), in place, so that those of the wall are where they are given."""
+        """Correct nodes, shape (n_nodes, 3), in place; nodes of the wall get their given places."""
         mismatch = wall - nodes[self.rows]
         if mismatch.any():
             nodes += self.forward(mismatch)
-            nodes[self.rows] = wall  # to the last bit: up to round-off it is there already
+            nodes[self.rows] = wall  # exactly: up to round-off the nodes are already there
             nodes[self.copies[:, 0]] = nodes[self.copies[:, 1]]
         return mismatch
 
     def forward(self, mismatch: np.ndarray) -> np.ndarray:
-        """Displacements (m) of all nodes, shape (n_nodes, 3), from those of the wall nodes, shape (n_wall, 3)."""
+        """Displacements (m) of all nodes, shape (n_nodes, 3), from the wall nodes' displacements, shape (n_wall, 3)."""
         values = np.zeros((self.n_nodes, 3))
         values[self.rows] = mismatch
         values[self.corner_rows] = self.network.dot(mismatch[self.wall_ids])[self.corner_ids]  # step 1
@@ -201,7 +201,7 @@ _CORNERS = np.ix_(*[(0, -1)] * 3)
 
 
 def _pieces(topology: Topology, source: np.ndarray, is_wall: np.ndarray) -> Iterator[Window]:
-    """Cut all segments into pieces, alike where they are linked: in directions that run along walls and leave none."""
+    """Cut all segments into pieces, alike if linked: in directions that run along walls and leave none."""
     classes, whole = direction_classes(topology), topology.layout.numbers
     along: set[int] = set()
     leaving: set[int] = set()
@@ -228,13 +228,13 @@ def _cuts(n_cells: int) -> np.ndarray:
     array([ 0,  7, 14, 21])
     """
     n = -(-n_cells // PIECE)
-    n += n % 2 == 0 and n_cells % 2 == 1  # else the middle cut would be nearer to one end
+    n += n % 2 == 0 and n_cells % 2 == 1  # otherwise the middle cut would be nearer to one end
     low = np.arange(n // 2 + 1) * n_cells // n
     return np.concatenate([low, np.unique(n_cells - low)[n % 2 == 0 :]])
 
 
 def _fixed_rows(topology: Topology, source: np.ndarray) -> np.ndarray:
-    """Rows of all boundary nodes but those of planes of symmetry alone: they stay."""
+    """Rows of all boundary nodes that stay: all except nodes that are only in planes of symmetry."""
     whole = topology.layout.numbers
     windows = [face.window for face in topology.boundary if face.kind != "symmetry"]
     return np.unique(np.concatenate([np.zeros(0, int), *(source[whole[w.block][w.slices]].ravel() for w in windows)]))
@@ -254,13 +254,13 @@ def _edge_lengths(pieces: Sequence[tuple[np.ndarray, np.ndarray]], corners: np.n
 
 
 def _directions(ids: np.ndarray, planes: Sequence[tuple[np.ndarray, np.ndarray]]) -> sparse.csr_array:
-    """Directions in which corners may move as orthonormal columns: all, or those of the planes that they are in."""
+    """Directions in which corners may move, as orthonormal columns: all, or directions of the planes they are in."""
     blocks = [sparse.csr_array(_complement([normal for is_in, normal in planes if is_in[n]])) for n in ids]
     return sparse.csr_array(sparse.block_diag(blocks, format="csr")) if blocks else sparse.csr_array((0, 0))
 
 
 def _complement(normals: list[np.ndarray]) -> np.ndarray:
-    """Orthonormal columns, shape (3, n), of what is normal to some unit normals; exact for those along axes."""
+    """Orthonormal columns, shape (3, n), of the complement of some unit normals; exact for normals along axes."""
     matrix = np.array(normals).reshape(-1, 3)
     if (np.abs(matrix).max(axis=1) == 1.0).all():
         return np.delete(np.eye(3), np.flatnonzero((matrix != 0.0).any(axis=0)), axis=1)

@@ -1,4 +1,4 @@
-"""Walls beyond periodic sides: images of those within, so that what follows walls sees them on both sides.
+"""Walls beyond periodic sides: images of the walls within, so the layer sees walls on both sides.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -22,22 +22,22 @@ class WallImages(OneLine):
     """Faces of walls beyond periodic sides: their nodes are nodes of the mesh, or images of some."""
 
     points: np.ndarray  # (n, 3), images (m)
-    originals: np.ndarray  # int (n,), nodes of the mesh that they are images of
+    originals: np.ndarray  # int (n,), nodes of the mesh that the images belong to
     turns: np.ndarray  # (n, 3, 3), rotations by which their displacements are turned
-    faces: np.ndarray  # int (n_faces, 4), nodes of the mesh, and images behind these, around the normal into the fluid
-    marker: np.ndarray  # int (n_faces,), wall that each face is of
+    faces: np.ndarray  # int (n_faces, 4), nodes of the mesh, then images, around the normal into the fluid
+    marker: np.ndarray  # int (n_faces,), wall that each face belongs to
 
     @classmethod
     def of(
         cls,
         points: np.ndarray,  # (n, 3), nodes of the mesh (m)
         faces: np.ndarray,  # int (n_faces, 4), walls within
-        marker: np.ndarray,  # int (n_faces,), wall that each face is of
+        marker: np.ndarray,  # int (n_faces,), wall that each face belongs to
         reach: np.ndarray,  # (n_faces,), distance from a side up to which the image of a face counts (m)
-        # tuples of Motion, ndarray and ndarray: nodes of a side, int (n_side,), and those that the motion takes them to
+        # each Motion, nodes of a side, int (n_side,), and the nodes that the motion maps them to
         sides: Iterable[tuple[Motion, np.ndarray, np.ndarray]],
     ) -> WallImages | None:
-        """Lay walls beyond both sides of periodic pairs; None where there are none."""
+        """Place walls beyond both sides of periodic pairs; None if there are none."""
         found: list[tuple[np.ndarray, ...]] = []
         for ahead, first, second in sides:
             for motion, near, beyond in ((ahead, first, second), (ahead.inverse(), second, first)):
@@ -58,11 +58,11 @@ class WallImages(OneLine):
         return cls(*(np.concatenate(parts) for parts in zip(*found)))
 
     def beyond(self, nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Nodes of a mesh with images of them behind, for nodes at points, both of shape (n_points, 3)."""
+        """Nodes of a mesh followed by their images, for nodes at points, both of shape (n_points, 3)."""
         return np.concatenate([nodes, self.points + self.turned((nodes - points)[self.originals])])
 
     def turned(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors of the images, shape (n, 3), by those of their originals."""
+        """Vectors of the images, shape (n, 3), from vectors of their originals."""
         return np.einsum("nij,nj->ni", self.turns, vectors)
 
     def turned_back(self, bar: np.ndarray) -> np.ndarray:
@@ -70,7 +70,7 @@ class WallImages(OneLine):
         return np.einsum("nij,ni->nj", self.turns, bar)
 
     def changes(self, changes: np.ndarray) -> np.ndarray:
-        """Changes of nodes, and behind them those of their images."""
+        """Changes of nodes, followed by changes of their images."""
         return np.concatenate([changes, self.turned(changes[self.originals])])
 
     def changes_vjp(self, bar: np.ndarray) -> np.ndarray:
