@@ -1,10 +1,10 @@
-"""Outer boundaries that go along with the rigid part of the surface's motion.
+"""Outer boundaries that follow the rigid part of the surface's motion.
 
-A section that pitches by 45 degrees within a far field that stays shears the whole grid; nothing does where the far
-field pitches as well. So the move is made in a frame that follows the surface: the rigid motion nearest to
-the surface's own (`bspline_mdao.core.walls.rigid_part`) is taken off, any mover does what is left, with all that is
-fixed where it was in that frame, and the motion is put back. Planes in which points slide stay. A rigid motion is exact
-by any angle, and whatever the mover.
+A section that pitches by 45 degrees within a fixed far field shears the whole grid; nothing is sheared if the far field
+pitches as well. So the move is made in a frame that follows the surface. The rigid motion nearest to the surface's own
+(`bspline_mdao.core.walls.rigid_part`) is removed, any mover makes the remaining move with all fixed points fixed in
+that frame, and the motion is put back. Planes in which points slide stay. A rigid motion is exact for any angle and
+mover.
 
 Theory: ``docs/theory/movers.rst``.
 """
@@ -26,19 +26,19 @@ __all__ = ["ComovingFrame", "ComovingMovement"]
 
 @dataclass(frozen=True, eq=False)
 class ComovingFrame(OneLine):
-    """Moves a mesh in a frame that follows its surface: outer boundaries take part in the rigid part of its motion.
+    """Moves a mesh in a frame that follows its surface: outer boundaries follow the rigid part of its motion.
 
-    All points that are fixed follow: the far field, and walls that are not part of the design surface. Those that slide
-    in planes slide in them as before. Symmetry and sliding planes leave rotations about their normal and shifts along
-    them; two planes at an angle leave shifts along both; patches that slide on surfaces which are not planes, and
-    periodic sides that are tied, leave nothing, and all that is fixed stays.
+    All points that are fixed follow: the far field, and walls that are not part of the design surface. Points that
+    slide in planes slide in them as before. Symmetry and sliding planes leave rotations about their normal and shifts
+    along them. Two planes at an angle leave shifts along both. With patches that slide on non-planar surfaces, and with
+    tied periodic sides, there is no rigid motion, and all fixed points stay.
 
     Parameters
     ----------
     mover : Mover
-        What moves the mesh within the frame.
+        Mover of the mesh within the frame.
     keep_factors : bool, optional
-        As of `LinearElasticity`, for a mover that has that setting and leaves it open.
+        As for `LinearElasticity`, for a mover that has this setting and leaves it open.
 
     Examples
     --------
@@ -63,14 +63,14 @@ class ComovingFrame(OneLine):
         return self.mover.mesh
 
     def move(self, initial: np.ndarray, surface: np.ndarray, **options: Any) -> Movement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
+        """Move points (n_points, 3) with surface points (n_surface, 3), both in metres.
 
-        Options are those of the mover's own ``move``.
+        Options are passed to the mover's own ``move``.
 
         Raises
         ------
         InputError, MovementError
-            As the mover; also if the surface is turned inside out as a whole.
+            As for the mover; also if the surface is turned inside out as a whole.
         """
         mover: Any = differentiable(self.mover) if self.keep_factors else self.mover
         if self.mesh.ties is not None or self.mesh.curved_slides:
@@ -85,13 +85,13 @@ class ComovingMovement(OneLine):
     """A move in a frame that follows the surface."""
 
     surface_ids: np.ndarray  # (n_surface,) of int, points on the surface
-    surface: np.ndarray  # (n_surface, 3), where they go (m)
+    surface: np.ndarray  # (n_surface, 3), their new places (m)
     motion: RigidMotion  # motion of the frame
     inner: Movement  # move within it
 
     @property
     def points(self) -> np.ndarray:
-        """Moved points, shape (n_points, 3), in metres: those of the surface exactly where they are asked to be."""
+        """Moved points, shape (n_points, 3), in metres; surface points are exactly at their given places."""
         points = self.motion.apply(self.inner.points)
         points[self.surface_ids] = self.surface
         return points
@@ -103,11 +103,11 @@ class ComovingMovement(OneLine):
 
     @property
     def start(self) -> object:
-        """What moves from the same initial points can share, see `bspline_mdao.core.movement.mover.Mover`."""
+        """Data that moves from the same initial points share, see `bspline_mdao.core.movement.mover.Mover`."""
         return getattr(self.inner, "start", None)
 
     def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
-        """Change of the points, shape (n_points, 3), with those of the initial points and of the surface."""
+        """Change of the points, shape (n_points, 3), with changes of the initial points and the surface."""
         rotation, shift = self.motion.rotation, self.motion.shift
         d_rotation, d_shift = self.motion.jvp(d_initial[self.surface_ids], d_surface)
         d_inside = (d_surface - d_shift) @ rotation + (self.surface - shift) @ d_rotation

@@ -1,4 +1,4 @@
-"""The mover that a model gets where nobody names one."""
+"""The mover that a model gets by default."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ __all__ = ["default_mover"]
 
 @singledispatch
 def default_mover(model: Movable, mesh: MovingMesh) -> Mover:
-    """Make the mover of the control mesh of a model: `Rotations`, where its kind of model has no other one."""
+    """Make the mover of a model's control mesh: `Rotations`, unless its kind of model has another default."""
     return Rotations(mesh)

@@ -1,6 +1,6 @@
 """Movement with a Delaunay graph of the surface and the fixed points. Theory: ``docs/theory/movers.rst``.
 
-The graph is a set of tetrahedra, made by Qhull; what is here finds the one that each point is in, and moves the point
+The graph is a set of tetrahedra, made by Qhull. This module finds the one that contains each point, and moves the point
 with it. The step numbers are those of `DelaunayGraph`.
 """
 
@@ -24,41 +24,41 @@ from .interpolation import CentredInterpolation, Centres, InterpolatedStep, find
 __all__ = ["DelaunayGraph", "Tetrahedra", "signed_volumes", "tetrahedra"]
 
 OUTSIDE = 0.1
-"""A point may be outside of the tetrahedron that it moves with by this barycentric coordinate, as beside curved
-boundaries, which the graph cuts straight."""
+"""A point may be outside of the tetrahedron that it moves with by this barycentric coordinate, as next to curved
+boundaries, where the graph cuts corners."""
 
 FLAT = 1e-7
-"""A tetrahedron is flat, and holds no point, whose least height is less than this part of its longest edge."""
+"""A tetrahedron is flat, and contains no point, if its least height is below this fraction of its longest edge."""
 
 STRAIGHT = 1e-9
-"""A triangle counts as no smaller than this part of its longest edge squared."""
+"""Least area of a triangle, relative to its longest edge squared."""
 
 
 @dataclass(frozen=True)
 class DelaunayGraph(IncrementalMover):
-    """Move every point with the tetrahedron of surface and fixed points that it is in.
+    """Move every point with the tetrahedron of surface and fixed points that contains it.
 
     The graph connects the points as they are before each increment. Steps of an increment, after the reference:
 
     1. connect the surface and fixed points by tetrahedra;
-    2. find the tetrahedron that each other point is in, and its barycentric coordinates there;
-    3. displace the surface, which must not invert a tetrahedron that holds points;
+    2. find the tetrahedron that contains each other point, and the point's barycentric coordinates there;
+    3. displace the surface, which must not invert a tetrahedron that contains points;
     4. give each point its old coordinates in its displaced tetrahedron.
 
     With one increment the moved points are linear in the surface. With several, another surface may connect the graph
-    differently, and derivatives jump: they are exact for the connections that were made.
+    differently, and derivatives jump: they are exact for the connections of this move.
 
     Parameters
     ----------
     mesh : MovingMesh
-        What is moved.
+        Mesh to move.
     n_increments : int
         Increments of the move.
 
     Notes
     -----
-    A move raises `MovementError` if a tetrahedron that holds points inverts, or a point is in none, as on a boundary
-    that is released.
+    A move raises `MovementError` if a tetrahedron that contains points inverts, or a point is in none, as on a released
+    boundary.
 
     References
     ----------
@@ -137,7 +137,7 @@ class Tetrahedra:
     inverses: np.ndarray
 
     def coordinates(self, which: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Barycentric coordinates, shape (n_points, 4), of each point in the tetrahedron of its own."""
+        """Barycentric coordinates, shape (n_points, 4), of each point in its tetrahedron."""
         others = np.einsum("nij,nj->ni", self.inverses[which], points - self.origins[which])
         return np.column_stack([1.0 - others.sum(axis=1), others])
 
@@ -150,11 +150,11 @@ def signed_volumes(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 def tetrahedra(
     points: np.ndarray,  # (n_points, 3), points of the graph (m)
-    targets: np.ndarray,  # (n_targets, 3), points to be found (m)
+    targets: np.ndarray,  # (n_targets, 3), points to find (m)
 ) -> tuple[Tetrahedra, np.ndarray]:
-    """Connect points by the Delaunay criterion, and find the tetrahedron that each target is in."""
-    # Returns tetrahedra: those that are not flat; which: (n_targets,) of int, for each target, the one that it is in,
-    # or nearest to being in.
+    """Connect points by the Delaunay criterion, and find the tetrahedron that contains each target."""
+    # Returns tetrahedra: the ones that are not flat; which: (n_targets,) of int, for each target, the one that contains
+    # it or nearly does.
     try:
         graph = Delaunay(points)
     except QhullError as error:
@@ -166,7 +166,7 @@ def tetrahedra(
     ends = points[corners[is_full]]
     full = Tetrahedra(corners[is_full], ends[:, 0], np.linalg.inv((ends[:, 1:] - ends[:, :1]).transpose(0, 2, 1)))
     numbers = np.append(np.where(is_full, np.cumsum(is_full) - 1, -1), -1)  # the last one for points outside
-    with one_blas_thread:  # one small system for each tetrahedron: threads only wait
+    with one_blas_thread:  # one small system per tetrahedron: threads would only wait
         which = numbers[graph.find_simplex(targets)]
     lost = which < 0
     which[lost] = _best(targets[lost], full.origins, full.inverses)
@@ -183,7 +183,7 @@ def _longest_by_largest(ends: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _best(targets, origins, inverses):
-    """Tetrahedron of each target in which its least barycentric coordinate is greatest."""
+    """Tetrahedron of each target in which the target's least barycentric coordinate is greatest."""
     best = np.zeros(len(targets), np.int64)
     for j in range(len(targets)):
         greatest = -np.inf

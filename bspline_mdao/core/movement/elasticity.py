@@ -1,7 +1,7 @@
 """The mesh as a linear elastic solid: Eqs. (6) and (7), section III.B. Theory: ``docs/theory/elasticity.rst``.
 
-The law of the solid stands in one place, `stress`; all else follows from it. The trilinear hexahedra of
-`bspline_mdao.core.movement.trilinear` are its finite elements: with the slopes f_i of the coordinates at a Gauss point,
+The constitutive law is in one place, `stress`; everything else follows from it. The trilinear hexahedra of
+`bspline_mdao.core.movement.trilinear` are the finite elements. With the slopes f_i of the coordinates at a Gauss point,
 the rows a_i of their adjugate and the Jacobian J, a field u of slopes u_i has the gradient H(u) / J,
 
     H(u) = u_0 a_0^T + u_1 a_1^T + u_2 a_2^T,
@@ -10,13 +10,12 @@ and the work of the stresses of u on the strains of v is a sum over elements and
 
     w = E / (8 J) stress(H(u)) : H(v),
 
-E being the modulus of `bspline_mdao.core.movement.young_modulus`. The force on v, its derivatives with respect to the
-coordinates and the stiffness matrix K of Eq. (7) are all derivatives of this one expression. J is needed only as a
-divisor; where an element is nearly flat or folded, a positive number takes its place, so that K stays positive
-definite.
+where E is the modulus of `bspline_mdao.core.movement.young_modulus`. The force on v, its derivatives with respect to
+the coordinates and the stiffness matrix K of Eq. (7) are all derivatives of this one expression. J is needed only as a
+divisor. In nearly flat or folded elements a positive number replaces it, so K stays positive definite.
 
-Displacements and forces are sums of one or two parts, shape (n_parts, n_points, 3). Two are what an element needs whose
-corners lie closer together than the digits of one can tell: the second holds what rounding left of the first.
+Displacements and forces are sums of one or two parts, shape (n_parts, n_points, 3). Two are needed if the corners of an
+element lie closer together than the digits of one can resolve: the second part holds the rounding error of the first.
 """
 
 from __future__ import annotations
@@ -64,26 +63,26 @@ class LinearElasticity(EquilibriumMover):
     Parameters
     ----------
     mesh : MovingMesh
-        What is moved.
+        Mesh to move.
     poisson_ratio : float
         Between -1 and 0.5.
     n_increments : int
-        The paper's m, which is 5 there and here. Another number is another function of the surface; `increments_for`
-        finds the smallest that some designs need.
+        The paper's m, 5 in the paper and by default. Another number is another function of the surface;
+        `increments_for` finds the smallest that given designs need.
     stiffness : StiffnessLaw
         Young's modulus of the elements at the start of every increment; the paper's by default.
     solver : object
         Settings of a sparse solver of `bspline_mdao.base.sparse`; `Cholesky` by default.
     keep_factors : bool, optional
-        Keep the factor of every increment as long as the movement lives, which makes a product with its derivative
-        cost a fraction of the move. Otherwise only that of the first increment is kept, and each product factorises
-        the others again. Where nothing is said, `ControlMeshMove` keeps them in problems with derivatives, and a
-        ``move`` by itself does not.
+        Keep the factor of every increment for the lifetime of the movement, which makes a product with its derivative
+        cost a fraction of the move. Otherwise only the factor of the first increment is kept, and each product
+        factorises the others again. If None, `ControlMeshMove` keeps them in problems with derivatives, and a direct
+        call of ``move`` does not.
 
     Raises
     ------
     InputError
-        If Poisson's ratio is out of range, or the number of increments is none.
+        If Poisson's ratio is out of range, or the number of increments is not a positive integer.
 
     Examples
     --------
@@ -164,11 +163,9 @@ def lame_constants(poisson_ratio: float) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc", "nnan"}, forceinline=True)
 def stress(h, lame):
-    """Stress of Eq. (6), tau = lambda tr(e) I + 2 mu e with e = (h + h^T) / 2: its components xx, yy, zz, yz, zx, xy.
-
-    Here h is the gradient of the displacement, three rows. This is the only statement of the elastic law. The flag
-    "nnan" lets the compiler drop the products with the zeros of `_pair_block`; what is not a number stays none.
-    """
+    """Stress of Eq. (6), tau = lambda tr(e) I + 2 mu e with e = (h + h^T) / 2: components xx, yy, zz, yz, zx, xy."""
+    # h is the gradient of the displacement, three rows. This is the only statement of the elastic law. The flag "nnan"
+    # lets the compiler drop the products with the zeros of `_pair_block`; NaN stays NaN.
     pressure, twice = lame[0] * (h[0][0] + h[1][1] + h[2][2]), 2.0 * lame[1]
     return (
         pressure + twice * h[0][0],
@@ -262,12 +259,12 @@ def force(
     # (n_elements, 8) of int, points at the corners, see `bspline_mdao.core.mesh.moving_mesh.MovingMesh.elements`
     elements: np.ndarray,
     signs: np.ndarray,  # (n_elements,) of int, handedness
-    modulus: np.ndarray,  # (n_elements,), young's modulus, positive
+    modulus: np.ndarray,  # (n_elements,), Young's modulus, positive
     lame: tuple[float, float],  # from `lame_constants`
-    # (n_parts, n_points, 3), the field u as a sum of parts (m). Two are what an element needs whose corners lie closer
-    # together than the digits of one can tell: the second holds what rounding left of the first.
+    # (n_parts, n_points, 3), the field u as a sum of parts (m). Two are needed if the corners of an element lie closer
+    # together than the digits of one can resolve: the second holds the rounding error of the first.
     displacement: np.ndarray,
-) -> np.ndarray:  # (n_parts, n_points, 3), as a sum of as many parts
+) -> np.ndarray:  # (n_parts, n_points, 3), as a sum of equally many parts
     """Compute the force K u on every point, matrix-free."""
     total = np.zeros_like(displacement)
     x, u, fluxes = (
@@ -287,7 +284,7 @@ def force(
 @njit(cache=True)
 def force_jvp(points, elements, signs, modulus, lame, displacement, d_points, d_modulus):
     """Change of `force` for changes of the points and the modulus; in the displacement, `force` is linear."""
-    # It is a sum of as many parts as the displacement.
+    # The result is a sum of as many parts as the displacement.
     total = np.zeros_like(displacement)
     x, u, fluxes = (
         np.empty((3, 3, 8), points.dtype),
@@ -367,15 +364,15 @@ def _element_products(gradients, weighted, products):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc", "nnan"}, forceinline=True)
 def _pair_force(h_x, h_y, h_z, lame):
-    """Force on a corner: along each axis j, the row of the stress of h_j that its slope along j meets."""
+    """Force on a corner: along each axis j, the row of the stress of h_j that belongs to its slope along j."""
     x, y, z = stress(h_x, lame), stress(h_y, lame), stress(h_z, lame)
     return x[0] + y[5] + z[4], x[5] + y[1] + z[3], x[4] + y[3] + z[2]
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def _pair_block(products, a, b, lame, block):
-    """Stiffness between corners a and b: column d is the force on a where b is displaced along d."""
-    # With S_jl the integral of dN_a/dx_j dN_b/dx_l, that displacement has the gradients whose row d is S_j, one for
+    """Stiffness between corners a and b: column d is the force on a for a displacement of b along d."""
+    # With S_jl the integral of dN_a/dx_j dN_b/dx_l, this displacement has the gradients whose row d is S_j, one for
     # each slope j of corner a, and whose other rows are zero.
     none = (0.0, 0.0, 0.0)
     x = (products[a, b], products[8 + b, a], products[16 + b, a])
@@ -395,7 +392,7 @@ def add_stiffness(
     signs: np.ndarray,
     modulus: np.ndarray,
     lame: tuple[float, float],
-    rows: np.ndarray,  # (n_elements, 8) of int, block row of every corner, -1 where it has none
+    rows: np.ndarray,  # (n_elements, 8) of int, block row of every corner, -1 for none
     # (n_elements, 36) of int, place of every pair of corners, see `bspline_mdao.base.sparse.blocks.slots`
     slots: np.ndarray,
     data: np.ndarray,  # (n_blocks, 3, 3), blocks of the lower triangle, added to

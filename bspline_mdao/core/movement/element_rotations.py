@@ -4,8 +4,8 @@ With the gradients H(u_g) / J_g of the displacement at the Gauss points g,
 
     M = I + 1/8 sum over g of H(u_g) / J_g
 
-has the nearest rotation R, by Newton's iteration for whatever is not folded much deeper than it was thick, and else by
-the largest eigenvector of Davenport's matrix, which is the same rotation (`rotation_group`).
+has the nearest rotation R, by Newton's iteration if the element is not folded much deeper than it was thick, and
+otherwise by the largest eigenvector of Davenport's matrix, which gives the same rotation (`rotation_group`).
 
 Theory: ``docs/theory/rotations.rst``.
 """
@@ -47,7 +47,7 @@ class ElementRotations:
 
     elements: TargetGradientElements  # the elements
     parts: np.ndarray  # (n_parts, n_points, 3), the displacement (m), as a sum
-    # matrices, stiffness: (n_elements, 3, 3), the rotations, and tr(S) I - S of what they leave of M = R S
+    # matrices, stiffness: (n_elements, 3, 3), the rotations, and tr(S) I - S for the symmetric factor of M = R S
     matrices: np.ndarray
     stiffness: np.ndarray
 
@@ -65,13 +65,13 @@ class ElementRotations:
 
     @property
     def turns(self) -> np.ndarray:
-        """R - I, shape (n_elements, 3, 3); zero where that is rounding."""
+        """R - I, shape (n_elements, 3, 3); zero if it is rounding."""
         turns = self.matrices - np.eye(3)
         turns[np.abs(turns).max(axis=(1, 2)) < NO_ROTATION] = 0.0
         return turns
 
     def jvp(self, d_points: np.ndarray, d_parts: np.ndarray) -> np.ndarray:
-        """Change of the rotations, shape (n_elements, 3, 3), with that of the displacement as a sum of parts."""
+        """Change of the rotations, shape (n_elements, 3, 3), with points and displacement, as a sum of parts."""
         change = _mean_gradients_jvp(*_arguments(self.elements), self.parts, d_points, d_parts)
         rotation_changes(self.matrices, self.stiffness, change, (0, len(change)))
         return change
@@ -119,7 +119,7 @@ def _element_gradient_jvp(f_s, u_s, df_s, du_s, sign, change):
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def _element_gradient_vjp(f_s, u_s, sign, bar, f_bar, u_bar):
-    """Derivatives of the product of the mean with a matrix, by the slopes of the points and of the field."""
+    """Derivatives of the product of the mean with a matrix in the slopes of the points and of the field."""
     b = (
         (bar[0, 0], bar[0, 1], bar[0, 2]),
         (bar[1, 0], bar[1, 1], bar[1, 2]),

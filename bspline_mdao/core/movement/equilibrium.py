@@ -2,19 +2,19 @@
 
 Theory: ``docs/theory/elasticity.rst``.
 
-With u the displacement of an increment, prescribed on the surface and unknown at the free points, and F(u) = K u the
-force of the elements, the free components of F(u) vanish: the right-hand side f is the force of the prescribed
-displacement, with the other sign. Differentiated,
+Let u be the displacement of an increment, prescribed on the surface and unknown at the free points, and F(u) = K u the
+force of the elements. The free components of F(u) vanish: the right-hand side f is minus the force of the prescribed
+displacement. Differentiated,
 
     K du_free = - (change of F with the points, at fixed u) - K du_prescribed,
 
 and the transpose takes one solution with the same factor and the transposed derivative of F.
 
 Elements that are a million times as long as they are high, as in boundary layers and wakes, make K so stiff against a
-change of their height, and so soft against rotations, that rounding of K and of u leaves few digits or none. Where the
-factor shows that, solutions are refined: u is a sum of two parts, the second of which holds what rounding leaves of
-the first [Wilkinson, Rounding Errors in Algebraic Processes (1963)], and F(u) comes from the elements, whose strains
-are differences of neighbours, and not from a matrix.
+change of their height, and so soft against rotations, that rounding of K and of u leaves few digits or none. If the
+factor shows this, solutions are refined: u is a sum of two parts, the second of which holds the rounding error of the
+first [Wilkinson, Rounding Errors in Algebraic Processes (1963)], and F(u) comes from the elements, whose strains are
+differences of neighbours, and not from a matrix.
 """
 
 from __future__ import annotations
@@ -39,19 +39,19 @@ __all__ = ["Balance", "Balanced", "Equilibrium", "Unknowns", "in_two"]
 EPSILON = float(np.finfo(float).eps)
 
 REFINE_ABOVE = 1e-11
-"""Relative error, as the factor estimates it, above which a move is refined: far below what a mesh can show."""
+"""Relative error, estimated by the factor, above which a move is refined: far below a visible effect on a mesh."""
 
 REFINE_PRODUCTS_ABOVE = 1e-13
-"""The same for products with derivatives, which are to agree with each other better than they need to be exact."""
+"""The same for products with derivatives, which must agree with each other better than they need to be exact."""
 
 TOLERANCE = 1e-14
 """Relative error to refine to: a digit above the unit round-off, which the sums over elements lose."""
 
 MAX_CORRECTIONS = 30
-"""Corrections after which to stop; three or four are needed where they converge at all."""
+"""Most corrections; three or four are needed if they converge."""
 
 LEAST_GAIN = 0.5
-"""A correction that is not smaller than the last one by this factor is rounding, and the end."""
+"""A correction that is not smaller than the last one by this factor is rounding, and ends the refinement."""
 
 
 ALL = slice(None)
@@ -59,20 +59,20 @@ ALL = slice(None)
 
 
 class Balanced(Protocol):
-    """What a displacement is found for: a force that is linear in it, up to a constant, with a symmetric stiffness."""
+    """Elements to balance: their force is linear in the displacement, up to a constant, with a symmetric stiffness."""
 
     def add_stiffness(
         self, element_rows: np.ndarray, slots: np.ndarray, data: np.ndarray, element_ids: np.ndarray | slice = ALL
     ) -> None:
         """Add the stiffness of all elements, or of some, to blocks."""
-        # See `bspline_mdao.core.movement.elasticity.add_stiffness`; rows and slots are those of these elements.
+        # See `bspline_mdao.core.movement.elasticity.add_stiffness`; rows and slots belong to these elements.
 
     def force(self, displacement: np.ndarray) -> np.ndarray:
-        """Force on all points of a displacement, both sums of as many parts, shape (n_parts, n_points, 3)."""
+        """Force on all points of a displacement, both sums of equally many parts, shape (n_parts, n_points, 3)."""
 
 
 class Numbered(Protocol):
-    """Numbering of the unknowns of the points, and their matrix: `Unknowns`, or others that a field has."""
+    """Numbering of the unknowns of the points, and their matrix: `Unknowns`, or a field's own."""
 
     @property
     def comm(self) -> Any:
@@ -90,7 +90,7 @@ class Numbered(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """Makes the systems of a mesh, and solves them."""
+    """The systems of a mesh, and their solution."""
 
     mesh: MovingMesh  # what is moved
     unknowns: Numbered  # numbering of the unknowns
@@ -98,8 +98,8 @@ class Equilibrium:
 
     @classmethod
     def of(cls, mesh: MovingMesh, solver: Any) -> Equilibrium:
-        """Number the unknowns of a mesh, and let a solver find its order of elimination."""
-        # Where the solver has a communicator, each of its processes assembles the rows that it owns, and all come here.
+        """Number the unknowns of a mesh, and let a solver choose its elimination order."""
+        # If the solver has a communicator, each of its processes assembles the rows that it owns, and all call this.
         comm = getattr(solver, "comm", None) or ONE
         unknowns = Unknowns(mesh, comm)
         with together(comm):
@@ -108,8 +108,8 @@ class Equilibrium:
 
     def balance_task(
         self,
-        elements: Balanced,  # their forces are F
-        factor: Any,  # of their stiffness
+        elements: Balanced,  # elements with the force F
+        factor: Any,  # factor of their stiffness
         prescribed: np.ndarray,  # (n_points, 3), displacement of the surface (m), 0 elsewhere
         load: np.ndarray,  # (n_parts, n_points, 3), load on the points, as a sum of parts
         above: float,  # estimate of the relative error above which the displacement is refined
@@ -118,10 +118,10 @@ class Equilibrium:
         # Iterative refinement [Wilkinson 1963; Higham, Accuracy and Stability of Numerical Algorithms (2002), 12]:
         #
         # 1. solve K u = load - F(prescribed) with the factor;
-        # 2. where its estimate of the error is too large, form the residual load - F(u) from both parts of u;
+        # 2. if its estimate of the error is too large, form the residual load - F(u) from both parts of u;
         # 3. solve K c = residual for a correction c;
-        # 4. stop where corrections do not shrink any more: what is left is rounding;
-        # 5. add c to both parts of u, and stop where the next correction promises to be below `TOLERANCE`.
+        # 4. stop if corrections no longer shrink: the rest is rounding;
+        # 5. add c to both parts of u, and stop if the next correction is expected to be below `TOLERANCE`.
         gather, scatter = self.unknowns.gather, self.unknowns.scatter
         solution = yield factor, gather(_less(load, elements.force(prescribed[None])))  # step 1
         parts, error = (prescribed + scatter(solution.x))[None], EPSILON * factor.cancellation
@@ -136,10 +136,10 @@ class Equilibrium:
             correction_of = yield factor, gather(residual)  # step 3
             correction = scatter(correction_of.x)
             change = np.abs(correction).max() / size
-            if not change < LEAST_GAIN * last:  # step 4; also where it is not a number
+            if not change < LEAST_GAIN * last:  # step 4; also if it is not a number
                 error = change
                 break
-            # step 5; corrections shrink by change / last, so that the next one is about error
+            # step 5; corrections shrink by change / last, so the next one is about error
             parts, n_steps = _corrected(parts, correction), n_steps + max(correction_of.iterations, 1)
             error, last = change * change / last, change
             if error <= TOLERANCE:
@@ -157,62 +157,62 @@ class Equilibrium:
 class Balance:
     """A displacement that balances a load on the free points."""
 
-    # (n_parts, n_points, 3), the displacement (m) as a sum of parts: one, or two where it was refined
+    # (n_parts, n_points, 3), the displacement (m) as a sum of parts: one, or two if it was refined
     parts: np.ndarray
     n_steps: int  # iterations of the solver, or corrections
-    residual: float  # relative residual of the system that was solved first
+    residual: float  # relative residual of the first system
     error: float  # estimate of its error relative to the largest displacement
 
 
 @dataclass(frozen=True, eq=False)
 class _Assembly:
-    """Where the elements of a process add to, before any points share a row, and how these share them."""
+    """Rows that the elements of a process add to, before points share rows, and how points share them."""
 
     pattern: BlockPattern
     element_ids: np.ndarray | slice  # elements to assemble
-    element_rows: np.ndarray  # int32 (n_elements, 8), row in the pattern of each of their corners, -1 where none is
+    element_rows: np.ndarray  # int32 (n_elements, 8), row in the pattern of each of their corners, -1 for none
     points: np.ndarray  # int (pattern.n,), place of every row among the points that may move
-    sharing: RowSharing | None  # None where none share a row
+    sharing: RowSharing | None  # None if no points share a row
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """Numbering of the points that may move, and the matrix of those that this process owns."""
+    """Numbering of the points that may move, and the matrix of the points that this process owns."""
 
     # Points of periodic sides share a row. Their elements are assembled in rows of their own, each turned into a frame
-    # that turns with the side, and the blocks of all that share one are added: P^T K P, with u = P x.
+    # that turns with the side. The blocks of all points that share a row are added: P^T K P, with u = P x.
 
     mesh: MovingMesh  # what is moved
-    # processes that share the rows of the matrix; this one alone by default. All else is the same on all of them.
+    # processes that share the rows of the matrix, by default only this one; all else is the same on all of them
     comm: Any = ONE
 
     @cached_property
     def point_ids(self) -> np.ndarray:
-        """Points that may move, ascending: those of the block rows before any are shared."""
+        """Points that may move, ascending: one for each block row before any are shared."""
         return np.flatnonzero(self.mesh.is_free.any(axis=1)).astype(np.int32)
 
     @cached_property
     def ties(self) -> Ties | None:
-        """The ties of these points, by their places among them; None where none of them are tied."""
+        """The ties of these points, by their places among them; None if none are tied."""
         if self.mesh.ties is None:
             return None
         return self.mesh.ties.numbered(self._places) or None
 
     @property
     def row_ids(self) -> np.ndarray:
-        """Point of each block row of the matrix, ascending: originals where points share it."""
+        """Point of each block row of the matrix, ascending; the original if points share it."""
         return self.point_ids if self.ties is None else np.delete(self.point_ids, self.ties.copies)
 
     @cached_property
     def _places(self) -> np.ndarray:
-        """Place of every point among those that may move; -1 where it may not."""
+        """Place of every point among the points that may move; -1 if it may not."""
         rows = np.full(self.mesh.n_points, -1, dtype=np.int32)
         rows[self.point_ids] = np.arange(len(self.point_ids), dtype=np.int32)
         return rows
 
     @cached_property
     def _shared_rows(self) -> np.ndarray:
-        """Row of every point that may move: that of its original where points share it."""
+        """Row of every point that may move; its original's row if points share it."""
         if self.ties is None:
             return np.arange(len(self.point_ids), dtype=np.int32)
         rows = np.empty(len(self.point_ids), dtype=np.int32)
@@ -236,7 +236,7 @@ class Unknowns:
         shared, element_ids, element_rows = DistributedPattern.of_local_elements(element_rows, n, self.comm)
         if self.ties is None:
             return _Assembly(shared, element_ids, element_rows, shared.rows, None)
-        # elements at a row that is owned are those at all points that share it
+        # elements at an owned row are the elements at all points that share it
         element_points = element_points[element_ids]
         here, places = np.unique(element_points[element_points >= 0]), np.full(n_points + 1, -1, dtype=np.int32)
         places[here] = np.arange(len(here))
@@ -248,13 +248,13 @@ class Unknowns:
 
     @property
     def pattern(self) -> BlockPattern:
-        """Pattern of the stiffness; a `DistributedPattern` where there are several processes."""
+        """Pattern of the stiffness; a `DistributedPattern` if there are several processes."""
         of = self._assembly
         return of.pattern if of.sharing is None else of.sharing.pattern
 
     @property
     def element_rows(self) -> np.ndarray:
-        """Block row of every corner of the elements before any are shared, -1 where there is none, (n_elements, 8)."""
+        """Block row of every corner of the elements before any are shared, -1 for none, (n_elements, 8)."""
         return self._assembly.element_rows
 
     @property
@@ -268,7 +268,7 @@ class Unknowns:
         return slots(self._assembly.pattern, self.element_rows)
 
     def assembled(self, add_stiffness: Callable[..., None]) -> BlockMatrix:
-        """Stiffness of the points before any share a row, in space."""
+        """Stiffness of the points before any share a row, in Cartesian axes."""
         of = self._assembly
         data = np.zeros((of.pattern.n_blocks, 3, 3))
         add_stiffness(of.element_rows, self.slots, data, of.element_ids)
@@ -325,7 +325,7 @@ class Unknowns:
 
     @cached_property
     def _restrained(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Entries, with rows and columns, that meet a point with a frame of its own or a fixed direction."""
+        """Entries, with rows and columns, of points with their own frame or a fixed direction."""
         pattern, points = self._assembly.pattern, self._assembly.points
         is_special: Any = ~self._is_free[points].all(axis=1)
         if self._frames is not None:
@@ -335,7 +335,7 @@ class Unknowns:
         return entries, rows[entries], pattern.indices[entries]
 
     def _restrain(self, data: np.ndarray) -> None:
-        """Turn blocks into the frames of their points, and put the identity where a direction is fixed."""
+        """Transform blocks to the frames of their points, with the identity in fixed directions."""
         entries, rows, columns = self._restrained
         blocks, points = data[entries], self._assembly.points
         is_free = self._is_free[points]
@@ -349,7 +349,7 @@ class Unknowns:
 
 
 def in_two(parts: np.ndarray) -> np.ndarray:
-    """The same sum of parts, as one of two."""
+    """The same sum of parts, as a sum of two."""
     return parts if len(parts) == 2 else np.stack([parts[0], np.zeros_like(parts[0])])
 
 
@@ -360,13 +360,13 @@ def _corrected(parts: np.ndarray, correction: np.ndarray) -> np.ndarray:
 
 
 def _less(load: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Difference of two sums of parts, exact until it is rounded once, shape (n_points, 3)."""
+    """Difference of two sums of parts, rounded once, shape (n_points, 3)."""
     first, lost = _sum(load[0], -force[0])
     return first + (lost + (load[1:].sum(axis=0) - force[1:].sum(axis=0)))
 
 
 def _sum(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sum, and exactly what its rounding leaves [Knuth, The Art of Computer Programming 2, 4.2.2]."""
+    """Sum, and its exact rounding error [Knuth, The Art of Computer Programming 2, 4.2.2]."""
     total = a + b
     of_b = total - a
     return total, (a - (total - of_b)) + (b - of_b)

@@ -1,6 +1,6 @@
-"""What the movers of elements share: an increment is an equilibrium, of Eq. (8) at the points before it.
+"""Common base of the movers of elements: an increment is an equilibrium, Eq. (8), at the points before it.
 
-Systems and their solutions are those of `.equilibrium`; what differs between movers is the elements.
+Systems and their solutions are in `.equilibrium`; movers differ in their elements.
 
 Theory: ``docs/theory/elasticity.rst``.
 """
@@ -28,24 +28,24 @@ class Elements(Balanced, Protocol):
     """Elements at given points, with the derivatives of their force."""
 
     def force_jvp(self, displacement: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray) -> np.ndarray:
-        """Change of the force of a given displacement with the initial points and the points; sums as `force`."""
+        """Change of the force of a given displacement with the initial points and the points; sums as for `force`."""
 
     def force_vjp(self, displacement: np.ndarray, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Transpose of both: for the initial points, the points and the displacement, shape (n_points, 3) each."""
 
 
 class EquilibriumMover(IncrementalMover):
-    """What the movers of elements share: an increment is an equilibrium."""
+    """Base of the movers of elements: an increment is an equilibrium."""
 
-    # A leaf has the fields ``mesh``, ``n_increments``, ``solver`` and ``keep_factors``, and says what its elements are.
-    # It keeps the order of elimination, which the mesh decides; factors belong to the movements, see `Start`.
+    # A leaf has the fields ``mesh``, ``n_increments``, ``solver`` and ``keep_factors``, and defines its elements. It
+    # keeps the elimination order, which depends on the mesh; factors belong to the movements, see `Start`.
 
     solver: Any
     keep_factors: bool | None
 
     def move(self, initial: np.ndarray, surface: np.ndarray, start: Start | None = None) -> IncrementalMovement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres."""
-        # See `IncrementalMover.move`; with the ``start`` of an earlier movement, or from `start`, moves from the same
+        """Move points (n_points, 3) with surface points (n_surface, 3), both in metres."""
+        # See `IncrementalMover.move`. With the ``start`` of an earlier movement, or from `start`, moves from the same
         # initial points share their factor. A start from other points is not used.
         initial = np.array(initial, dtype=float)
         if start is None or not np.array_equal(start.points, initial):
@@ -60,9 +60,9 @@ class EquilibriumMover(IncrementalMover):
         return Start(initial, self._equilibrium.factorized(self._elements(initial, initial)))
 
     def predicted_bytes(self) -> int | None:
-        """Memory of the factors of a move, and of the work on them (bytes); None where the solver does not tell."""
-        # That of the first increment and that of the present one, or those of all increments where factors are kept. It
-        # takes the analysis of the pattern, which the moves need anyway.
+        """Memory of the factors of a move, and of the work on them (bytes); None if the solver does not report it."""
+        # These are the first increment's factor and the current one, or all increments' if factors are kept. It takes
+        # the analysis of the pattern, which the moves need anyway.
         analysis = self._equilibrium.analysis
         if not hasattr(analysis, "factor_bytes"):
             return None
@@ -74,7 +74,7 @@ class EquilibriumMover(IncrementalMover):
         return Equilibrium.of(self.mesh, self.solver)
 
     def _elements(self, initial: np.ndarray, before: np.ndarray) -> Elements:
-        """Elements at the points before an increment, stiffened by those before the move."""
+        """Elements at the points before an increment, stiffened by the points before the move."""
         raise NotImplementedError
 
     def _balanced_step(
@@ -103,14 +103,14 @@ class EquilibriumMover(IncrementalMover):
 
 @dataclass(frozen=True, eq=False)
 class EquilibriumStep:
-    """An increment that was made, see `bspline_mdao.core.movement.mover.Step`."""
+    """A completed increment, see `bspline_mdao.core.movement.mover.Step`."""
 
     equilibrium: Equilibrium
     elements: Elements
     displacement: np.ndarray
     points: np.ndarray
     report: SolveReport
-    factor: Any  # of the stiffness; None where it is not kept
+    factor: Any  # of the stiffness; None if it is not kept
 
     def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the points after the increment, shape (n_points, 3)."""
@@ -142,10 +142,10 @@ class EquilibriumStep:
 
 @dataclass(eq=False)
 class Start(OneLine):
-    """Points that moves start from, and the factor of their stiffness once it is there."""
+    """Points that moves start from, and the factor of their stiffness once it exists."""
 
-    # The matrix of the first increment depends on the initial points alone, so that moves of different surfaces share
-    # it. A start belongs to the movement that made it, and to whom that is handed on; the mover has none.
+    # The matrix of the first increment depends only on the initial points, so moves of different surfaces share it. A
+    # start belongs to the movement that made it, and to those that receive it; the mover has none.
 
     points: np.ndarray  # (n_points, 3), initial points (m)
     factor: Any = None  # of the stiffness there, made by the first increment that needs it

@@ -1,4 +1,4 @@
-"""The mover that moves nothing but the surface: the first one of the paper's section III.A.
+"""The mover that moves only the surface: the first one of the paper's section III.A.
 
 Theory: ``docs/theory/movers.rst``.
 """
@@ -30,14 +30,14 @@ class _NoDisplacement:
 
 @dataclass(frozen=True)
 class FixedInterior(IncrementalMover):
-    """Keep all points where they are, except the points of the surface.
+    """Keep all points in place except the points of the surface.
 
     Parameters
     ----------
     mesh : MovingMesh
-        What is moved.
+        Mesh to move.
     n_increments : int
-        Increments of the move; they change nothing but the report.
+        Increments of the move; they only change the report.
 
     Examples
     --------

@@ -1,12 +1,12 @@
 """A move in increments, Eq. (8), with its exact derivative through all of them. Theory: ``docs/theory/elasticity.rst``.
 
-The surface goes from b_srf^(0) to b_srf^(m) along straight lines, in m equal increments; each moves the mesh from
+The surface goes from b_srf^(0) to b_srf^(m) along straight lines, in m equal increments. Each moves the mesh from
 b^(i-1) to b^(i), with a stiffness that depends on b^(i-1) and b^(0). So does its derivative: forward products go
-through the increments in their order, transposed ones in the reverse order. What one increment does is the mover's;
-for elastic elements it is `bspline_mdao.core.movement.equilibrium_mover`.
+through the increments in order, transposed ones in reverse order. What one increment does depends on the mover; for
+elastic elements it is in `bspline_mdao.core.movement.equilibrium_mover`.
 
 Another number of increments is another function of the surface: it is a setting of the mover, and no move chooses it.
-`increments_for` finds one that is enough, before anything runs.
+`increments_for` finds a sufficient number before a run.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ NUMBERS = (1, 2, 5, 10)
 """Numbers of increments to choose from."""
 
 GOOD_RATIO = 0.03
-"""A mesh stays good while no element's smallest corner triple product falls below this fraction of the baseline's."""
+"""A mesh is good while no element's smallest corner triple product is below this fraction of the baseline's."""
 
 
 @dataclass(frozen=True, eq=False)
 class IncrementalMovement(OneLine):
-    """A move that was made in increments."""
+    """A completed move in increments."""
 
     mesh: MovingMesh  # what was moved
     steps: tuple[Step, ...]  # the increments
-    report: MovementReport  # what they did
-    # what moves from the same initial points can share, to be handed to the mover's next ``move`` as its ``start``;
-    # None where there is nothing
+    report: MovementReport  # report on them
+    # data that moves from the same initial points share, to be passed to the mover's next ``move`` as its ``start``;
+    # None if there is nothing
     start: object = None
-    slid: SlidPoints | None = None  # where points slid to at the end; None where none slide
+    slid: SlidPoints | None = None  # positions of points after sliding; None if none slide
 
     @property
     def surface_ids(self) -> np.ndarray:
@@ -102,12 +102,12 @@ def in_increments(
     surface: np.ndarray,  # (n_surface, 3), surface points after it (m)
     n_increments: int,  # the paper's m
 ) -> IncrementalMovement:
-    """Move the surface in equal increments along straight lines, and the mesh behind it, i = 1 to m of Eq. (8).
+    """Move the surface in equal increments along straight lines, and the mesh with it, i = 1 to m of Eq. (8).
 
     Parameters
     ----------
     mesh : MovingMesh
-        What is moved.
+        Mesh to move.
     step : callable
         ``step(initial, before, surface)`` makes one increment: from the initial points of the whole move, shape
         (n_points, 3), the points before the increment, and the surface points after it, shape (n_surface, 3).
@@ -123,7 +123,7 @@ def in_increments(
     InputError
         If a shape or the number of increments is wrong.
     MovementError
-        If the move cannot be done, or moves a point far beyond what the surface does.
+        If the move cannot be done, or moves a point much farther than the surface.
 
     Examples
     --------
@@ -165,23 +165,23 @@ def in_increments(
 
 
 def require_number(n_increments: int) -> None:
-    """Refuse what is no number of increments."""
+    """Refuse invalid numbers of increments."""
     is_number = isinstance(n_increments, Integral) and not isinstance(n_increments, bool) and n_increments >= 1
     if not is_number:
         raise InputError(f"movement: {n_increments!r} increments; give a whole number from 1")
 
 
 def increments_for(mover: Mover, designs: Iterable[np.ndarray]) -> int:
-    """Find a number of increments that is enough for given designs, to set in the mover before a run.
+    """Find a sufficient number of increments for given designs, to set in the mover before a run.
 
     It is the smallest of 1, 2, 5 and 10 with which the control mesh stays good in all of them: every element that is
-    valid on the baseline keeps 3 % of its smallest corner triple product. Ten are not tried where five keep no more
-    than two do.
+    valid on the baseline keeps 3 % of its smallest corner triple product. Ten is not tried if five is no better than
+    two.
 
     Parameters
     ----------
     mover : Mover
-        One of `bspline_mdao.core.movement`, or another dataclass with ``n_increments``; which number it has does not
+        One of `bspline_mdao.core.movement`, or another dataclass with ``n_increments``, whose own number does not
         matter.
     designs : iterable of ndarray, each of shape (n_surface, 3)
         Surface control points (m) of the most extreme designs, such as `Parametrization.extremes`.
@@ -189,8 +189,8 @@ def increments_for(mover: Mover, designs: Iterable[np.ndarray]) -> int:
     Returns
     -------
     int
-        Where no number keeps the mesh good, the one of those tried of which the worst design keeps most; the largest
-        where the mover gives up with all.
+        If no number keeps the mesh good, the tried number that is best in the worst design; the largest if the mover
+        fails with all.
 
     Raises
     ------
@@ -218,8 +218,8 @@ def increments_for(mover: Mover, designs: Iterable[np.ndarray]) -> int:
         ratios[number] = _worst_ratio(replace(settings, n_increments=number), designs)
         if ratios[number] >= GOOD_RATIO:
             return number
-        # One says nothing of the others: three of 99 moves keep less with two than with one, and are good with five or
-        # ten. Of those that keep no more with five than with two, none is.
+        # One says nothing about the others: three of 99 moves keep less with two than with one, and are good with five
+        # or ten. None of the moves that keep no more with five than with two is good with ten.
         _, *several = ratios.values()
         if len(several) > 1 and -np.inf < several[-1] <= several[-2]:
             break
@@ -227,7 +227,7 @@ def increments_for(mover: Mover, designs: Iterable[np.ndarray]) -> int:
 
 
 def _worst_ratio(mover: Mover, designs: list[np.ndarray]) -> float:
-    """Smallest ratio of a corner to its own on the baseline in any design; minus infinity where the mover gives up."""
+    """Smallest ratio of a corner to its baseline value in any design; minus infinity if the mover fails."""
     options: dict[str, Any] = {}
     worst = np.inf
     for surface in designs:
@@ -242,14 +242,14 @@ def _worst_ratio(mover: Mover, designs: list[np.ndarray]) -> float:
 
 
 def _between(start: np.ndarray, stop: np.ndarray, i: int, m: int) -> np.ndarray:
-    """Surface after increment i of m, b_srf^(i): the last ends exactly on ``stop``; one at rest stays at ``start``."""
+    """Surface after increment i of m, b_srf^(i): the last ends exactly on ``stop``; at rest it stays at ``start``."""
     return stop if i == m else start + (i / m) * (stop - start)
 
 
 class IncrementalMover(OneLine):
-    """What movers share that do the same in every increment."""
+    """Base of movers that do the same in every increment."""
 
-    # A leaf has the fields ``mesh`` and ``n_increments``, and says what one increment does.
+    # A leaf has the fields ``mesh`` and ``n_increments``, and defines one increment.
 
     mesh: MovingMesh
     n_increments: int
@@ -258,7 +258,7 @@ class IncrementalMover(OneLine):
         require_number(self.n_increments)
 
     def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres."""
+        """Move points (n_points, 3) with surface points (n_surface, 3), both in metres."""
         initial = np.array(initial, dtype=float)
         return in_increments(self.mesh, self._step, initial, surface, self.n_increments)
 

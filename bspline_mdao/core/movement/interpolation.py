@@ -1,13 +1,12 @@
 """One increment of a mover that interpolates the displacement of its surface. Theory: ``docs/theory/movers.rst``.
 
-What such movers have in common: some interpolation takes the displacement of the surface to all points, each of these
-follows it in the directions in which it may move, and the surface itself is put where it was asked for.
+Such movers have in common that an interpolation extends the displacement of the surface to all points, each point
+follows it in the directions in which it may move, and the surface itself is put at its given place.
 
-Scattered interpolation has centres: the points whose displacement is prescribed. The two sides of a flat plate hold
-different points at one place, which may be asked to part, while such interpolation knows a point by its place alone.
-Twins are therefore moved apart, for the weights only, into the side of the mesh that each belongs to: `APART` of the
-way to the points beside it that are free. What is left at one place after that counts once. The surface itself always
-ends where it was asked for.
+Scattered interpolation has centres: the points with prescribed displacement. The two sides of a flat plate have
+different points at one place, which may have to part, while such interpolation knows a point only by its place. Twins
+are therefore moved apart, only for the weights, into the side of the mesh that each belongs to: by `APART` of the
+distance to free neighbours. Points that still coincide count once. The surface itself always ends at its given place.
 """
 
 from __future__ import annotations
@@ -37,9 +36,9 @@ __all__ = [
 
 
 class Interpolation(Protocol):
-    """Displacements of all points from those of the surface; fixed points count as not displaced."""
+    """Displacements of all points from the surface's; fixed points count as not displaced."""
 
-    # The values at surface and fixed points do not matter: the displacement of these points is prescribed.
+    # The values at surface and fixed points do not matter: their displacement is prescribed.
 
     @property
     def values(self) -> np.ndarray:
@@ -54,15 +53,15 @@ class Interpolation(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class InterpolatedStep(OneLine):
-    """An increment that was made."""
+    """A completed increment."""
 
     mesh: MovingMesh  # what was moved
     points: np.ndarray  # (n_points, 3), points after the increment (m)
     interpolation: Interpolation  # displacements that the points took
-    report: SolveReport | None = None  # how the interpolation was solved for, where it had to be
+    report: SolveReport | None = None  # solution of the interpolation's system, if it has one
 
     def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
-        """Change of the points after the increment, shape (n_points, 3); ``d_initial`` plays no part."""
+        """Change of the points after the increment, shape (n_points, 3); ``d_initial`` has no effect."""
         surface_ids = self.mesh.surface_ids
         change = self.interpolation.jvp(d_before, d_surface - d_before[surface_ids])
         d_points = d_before + self.mesh.slide(change)
@@ -83,14 +82,14 @@ def interpolated_step(
     before: np.ndarray,  # (n_points, 3), points before the increment (m)
     surface: np.ndarray,  # (n_surface, 3), surface points after it (m)
     interpolation: Interpolation,  # displacements of all points
-    report: SolveReport | None = None,  # how it was solved for
+    report: SolveReport | None = None,  # solution of its system
 ) -> InterpolatedStep:
     """Project an interpolated displacement onto the admissible motion of every point.
 
     Parameters
     ----------
     mesh : MovingMesh
-        What is moved.
+        Mesh to move.
     before : ndarray, shape (n_points, 3)
         Points before the increment (m).
     surface : ndarray, shape (n_surface, 3)
@@ -98,7 +97,7 @@ def interpolated_step(
     interpolation : Interpolation
         Displacements of all points.
     report : SolveReport, optional
-        How it was solved for.
+        Solution of its system.
 
     Returns
     -------
@@ -128,7 +127,7 @@ COINCIDENT = 1e-9
 """Prescribed points nearer than this fraction of the mesh's size are at one place: round-off of coordinates."""
 
 APART = 0.5
-"""Part of the way to their free neighbours by which centres at one place are moved apart."""
+"""Fraction of the distance to free neighbours by which coincident centres are moved apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,14 +137,14 @@ class Centres:
     ids: np.ndarray  # (n_centres,) of int, the prescribed points that are centres
     surface_rows: np.ndarray  # (n_moving,) of int, rows of the surface's points; the centres after these are fixed
     target_ids: np.ndarray  # (n_targets,) of int, points that may move in any direction
-    # scipy.sparse.csr_array, shape (n_centres, n_points), place of the centres, as weights of the mesh's points
+    # (n_centres, n_points), place of the centres, as weights of the mesh's points
     position: sparse.csr_array
     # n_surface, n_points: numbers of points on the surface and of the mesh
     n_surface: int
     n_points: int
 
     def displacement(self, of_surface: np.ndarray) -> np.ndarray:
-        """Displacement of the centres, (n_centres, 3), from that of the surface, (n_surface, 3)."""
+        """Displacement of the centres, (n_centres, 3), from the surface's, (n_surface, 3)."""
         displacement = np.zeros((len(self.ids), 3), dtype=of_surface.dtype)
         displacement[: len(self.surface_rows)] = of_surface[self.surface_rows]
         return displacement
@@ -157,7 +156,7 @@ class Centres:
         return of_surface
 
     def at_all_points(self, at_targets: np.ndarray) -> np.ndarray:
-        """Values at all points, (n_points, 3), from those at targets, (n_targets, 3); zero elsewhere."""
+        """Values at all points, (n_points, 3), from values at targets, (n_targets, 3); zero elsewhere."""
         values = np.zeros((self.n_points, 3), dtype=at_targets.dtype)
         values[self.target_ids] = at_targets
         return values
@@ -179,7 +178,7 @@ class Scattered(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class CentredInterpolation:
-    """Interpolation of the surface's displacement by way of centres."""
+    """Interpolation of the surface's displacement from centres."""
 
     centres: Centres  # where the displacement is prescribed
     scattered: Scattered  # interpolation between them
@@ -207,7 +206,7 @@ class CentredInterpolation:
 def find_centres(
     mesh: MovingMesh,  # the mesh
 ) -> Centres:
-    """Make centres of all points of the surface and all fixed ones, as they are on the baseline."""
+    """Make centres of all surface and all fixed points, as they are on the baseline."""
     prescribed_ids = np.concatenate([mesh.surface_ids, mesh.fixed_ids])
     position = _selection(prescribed_ids, mesh.n_points) + APART * _aside(mesh, prescribed_ids)
     is_kept = np.ones(len(prescribed_ids), dtype=bool)
@@ -228,7 +227,7 @@ def _twins(points: np.ndarray, size: float) -> np.ndarray:
 
 
 def _aside(mesh: MovingMesh, prescribed_ids: np.ndarray) -> sparse.csr_array:
-    """Way from each twin to the mean of the points beside it that are free, or at least not on the surface."""
+    """Vector from each twin to the mean of its neighbours that are free, or at least not on the surface."""
     twins = np.unique(_twins(mesh.points[prescribed_ids], mesh.size))
     adjacent = _neighbours(mesh)[prescribed_ids[twins]]
     is_surface = np.zeros(mesh.n_points)

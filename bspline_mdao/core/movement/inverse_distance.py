@@ -19,7 +19,7 @@ from .increments import IncrementalMover
 from .interpolation import CentredInterpolation, Centres, InterpolatedStep, find_centres, interpolated_step
 
 TOUCHING = 1e-24
-"""Added to squared distances in units of the mesh's size, so that a point at the place of a centre follows it."""
+"""Added to squared distances in units of the mesh's size: a point at the place of a centre follows it."""
 
 
 @dataclass(frozen=True)
@@ -27,24 +27,24 @@ class InverseDistance(IncrementalMover):
     r"""Move every point by a weighted mean of the prescribed displacements.
 
     A centre with the area :math:`A` at the distance :math:`r` has the weight :math:`A [(L / r)^a + (\alpha L / r)^b]`,
-    where :math:`L` is the mesh's size. The second power holds points near the surface to it.
+    where :math:`L` is the mesh's size. The second power makes points near the surface follow it closely.
 
     Parameters
     ----------
     mesh : MovingMesh
-        What is moved.
+        Mesh to move.
     exponents : tuple of int
-        The powers a and b; the smaller one is felt far away.
+        The powers a and b; the smaller one dominates far away.
     reach : float
-        :math:`\alpha`; 0 leaves plain inverse-distance weights of the power a.
+        :math:`\alpha`; 0 gives plain inverse-distance weights of the power a.
     n_increments : int
         Increments of the move.
 
     Notes
     -----
-    The areas are those of the faces of the boundary on the baseline, shared among their points. Of the reference we
-    take the weights with a constant reach; the rotations of the surface's points are left out, for what they add is not
-    a function of the displacements alone.
+    The areas are the areas of the boundary faces on the baseline, shared among their points. The weights are those of
+    the reference with a constant reach. The rotations of the surface's points are left out, since their contribution
+    is not a function of the displacements alone.
 
     References
     ----------
@@ -115,7 +115,7 @@ class _Means:
 
 
 def _areas(mesh: MovingMesh) -> np.ndarray:
-    """Area of the prescribed boundary that belongs to each point, shape (n_points,); the mean where there is none."""
+    """Area of the prescribed boundary that belongs to each point, shape (n_points,); the mean if there is none."""
     is_prescribed = np.logical_not(mesh.is_free.any(axis=1))
     areas = np.zeros(mesh.n_points)
     for ids in mesh.blocks:
@@ -131,7 +131,7 @@ def _areas(mesh: MovingMesh) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _weight(area, near_to, far_from, reach, size, along):
-    """Weight of a centre in the direction ``along``, and its derivative by half the squared distance."""
+    """Weight of a centre in the direction ``along``, and its derivative in half the squared distance."""
     inverse = 1.0 / (dot(along, along) + TOUCHING * size * size)
     ratio = size * np.sqrt(inverse)
     far, near = area * ratio**far_from, area * (reach * ratio) ** near_to

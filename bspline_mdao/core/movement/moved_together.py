@@ -1,8 +1,9 @@
 """Several moves from the same points, and several products, with one pass over each factor for all of them.
 
-Designs that are sampled, and batches of frameworks, are many surfaces for one mesh. A mover whose ``move`` is a task
-(``move_task``, see `bspline_mdao.base.sparse.solved_together`) makes them in step; so do movements with ``jvp_task``
-and ``vjp_task``. Others move one after the other. What comes is the same to rounding, whoever moves along.
+Sampled designs, and batches in other frameworks, are many surfaces for one mesh. A mover whose ``move`` is a task
+(``move_task``, see `bspline_mdao.base.sparse.solved_together`) makes them in step, and so do movements with
+``jvp_task`` and ``vjp_task``. Others move one after the other. The results are the same to rounding, whichever moves
+are made together.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from .mover import Movement, Mover
 __all__ = ["TOGETHER", "goes_together", "jvps_together", "moved_together", "vjps_together"]
 
 TOGETHER = 16
-"""Moves to make in step: a right-hand side then takes a quarter of its time alone, and twice as many save a tenth."""
+"""Moves to make in step: a right-hand side then takes a quarter of its single time, and twice as many save a tenth."""
 
 
 def goes_together(mover: Mover) -> bool:
@@ -31,9 +32,9 @@ def moved_together(
     mover: Mover,
     initial: np.ndarray,  # (n_points, 3), points of the mesh before all of the moves (m)
     surfaces: Sequence[np.ndarray],  # surface points after each of them, (n_surface, 3) (m)
-    start: Any = None,  # of an earlier movement from these points
+    start: Any = None,  # from an earlier movement from these points
 ) -> list[Movement | MovementError]:
-    """Make several moves; the error of each that cannot be made, in its place."""
+    """Make several moves; a move that fails is replaced by its error."""
     settings: Any = mover
     if start is None and hasattr(settings, "start"):
         try:
@@ -57,7 +58,7 @@ def vjps_together(movements: Sequence[Movement], bars: Sequence[np.ndarray]) -> 
 
 
 def _called(name: str, of: Sequence[Any], given: Sequence[tuple], **options: Any) -> list:
-    """Results of a method, or its errors: in step where all have a task for it."""
+    """Results of a method, or its errors: in step if all have a task for it."""
     if all(hasattr(each, f"{name}_task") for each in of):
         return solved_together([getattr(each, f"{name}_task")(*args, **options) for each, args in zip(of, given)])
     found: list = []
@@ -70,7 +71,7 @@ def _called(name: str, of: Sequence[Any], given: Sequence[tuple], **options: Any
 
 
 def _sound(found: list) -> list:
-    """Results, of which none is to be an error."""
+    """Results, raising the first error among them."""
     error = next((each for each in found if isinstance(each, MovementError)), None)
     if error is not None:
         raise error

@@ -1,9 +1,9 @@
 """Protocols and reports of all movers, and the checks that every move passes. Theory: ``docs/theory/movers.rst``.
 
-A mover moves the points of a `MovingMesh` behind its surface, in one or more increments. Three words are all there is:
-``move`` gives a movement, and the movement gives ``jvp`` and ``vjp``, the products with its exact derivative and with
-the transpose. A user's own mover is any object with a ``mesh`` and a ``move``; what it does in one increment, it may
-leave to `bspline_mdao.core.movement.increments.in_increments` to repeat.
+A mover moves the points of a `MovingMesh` with its surface, in one or more increments. The interface has three methods:
+``move`` gives a movement, whose ``jvp`` and ``vjp`` are the products with its exact derivative and with the transpose.
+A user's own mover is any object with a ``mesh`` and a ``move``. It can use
+`bspline_mdao.core.movement.increments.in_increments` to repeat what it does in one increment.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ __all__ = [
 ]
 
 PLANE_TOLERANCE = 1e-5
-"""A surface point may leave its symmetry plane by this fraction of the mesh's size: digits of single precision."""
+"""A surface point may leave its symmetry plane by this fraction of the mesh's size: single precision."""
 
 MAX_AMPLIFICATION = 100.0
-"""No point may be moved farther than so many times the largest displacement of the surface.
+"""Most that a point may be moved, in units of the largest displacement of the surface.
 
-A field with a maximum principle amplifies nothing. Rotations made in straight increments, elasticity and radial
-functions overshoot all the same: elasticity by up to 8, compact radial functions by up to 31 in what
-``run_scripts/robustness_table.py`` asks of them. Elasticity on meshes that are folded or that hang together wrongly
-moves points away by 100 to 1000 times the displacement of the surface.
+A field with a maximum principle amplifies nothing. Rotations in straight increments, elasticity and radial functions
+overshoot nevertheless: elasticity by up to 8, compact radial functions by up to 31 in the cases of
+``run_scripts/robustness_table.py``. Elasticity on meshes that are folded or wrongly connected moves points by 100 to
+1000 times the displacement of the surface.
 """
 
 MEND = 'fit the grid with method="valid" (fit --method valid)'
@@ -53,37 +53,37 @@ ROUND_OFF = 1e-9
 
 @dataclass(frozen=True)
 class SolveReport:
-    """How the linear system of one increment was solved."""
+    """Report on the linear system of one increment."""
 
     solver: str  # name of the solver
-    iterations: int  # 0 where it is direct; corrections, where those of a direct solver were needed
-    residual: float  # 2-norm of the residual by that of the right-hand side
+    iterations: int  # 0 for a direct solver, or its number of corrections
+    residual: float  # 2-norm of the residual relative to the right-hand side's
     seconds: float  # wall clock of factor and solution
     digits: float  # estimate of the correct decimal digits of the displacement relative to the largest, from 0 to 16
 
 
 @dataclass(frozen=True)
 class IncrementReport:
-    """What one increment did."""
+    """Report on one increment."""
 
-    solve: SolveReport | None  # none for a mover that solves nothing
-    n_tangled: int  # elements that are valid on the baseline and not any more
-    place: str  # the worst of them, ``"element (i, j, k) of block 3"``, counted from 1; empty where there is none
+    solve: SolveReport | None  # None for a mover that solves nothing
+    n_tangled: int  # elements that are valid on the baseline but no longer
+    place: str  # the worst of them, ``"element (i, j, k) of block 3"``, counted from 1; empty if there is none
     min_corner: float  # smallest corner triple product of the elements that are valid on the baseline
-    # smallest ratio of an element's smallest corner triple product to its own on the baseline, of the same elements
+    # smallest ratio of an element's smallest corner triple product to its value on the baseline, of the same elements
     corner_ratio: float
-    # elements that are invalid, whatever they are on the baseline: counted as the report of a fit counts them
+    # invalid elements, whatever they are on the baseline, counted as in the report of a fit
     n_invalid: int
 
 
 @dataclass(frozen=True)
 class MovementReport(OneLine):
-    """What a movement did, increment by increment."""
+    """Report on a movement, increment by increment."""
 
     increments: tuple[IncrementReport, ...]  # in order
     seconds: float  # wall clock of the whole move
     n_invalid: int = 0  # elements that are invalid on the baseline, before anything moves
-    where: str = ""  # which of several processes moved, and why; empty where there is one
+    where: str = ""  # which of several processes moved, and why; empty for one process
 
     def __str__(self) -> str:
         what = counted(self.n_increments, "increment")
@@ -102,14 +102,15 @@ class MovementReport(OneLine):
         return min((increment.solve.digits for increment in self.increments if increment.solve), default=16.0)
 
     def first_tangled(self) -> tuple[int, IncrementReport] | None:
-        """Number, from 1, and report of the first increment that tangles; None where none does."""
+        """Number, from 1, and report of the first increment that tangles; None if none does."""
         tangled = ((n, report) for n, report in enumerate(self.increments, start=1) if report.n_tangled)
         return next(tangled, None)
 
     @property
     def tangling(self) -> str:
-        """What tangles; empty where the mesh is not tangled at the end."""
-        # It names the increment where that began and the worst element there, and elements that were invalid before.
+        """What tangles; empty if the mesh is not tangled at the end."""
+        # It names the increment in which tangling began, the worst element there, and elements that were invalid
+        # before.
         tangled = self.first_tangled()
         if tangled is None or not self.increments[-1].n_tangled:
             return ""
@@ -125,7 +126,7 @@ class MovementReport(OneLine):
 
 
 class Movement(Protocol):
-    """A move that was made, with its exact derivative."""
+    """A completed move, with its exact derivative."""
 
     @property
     def points(self) -> np.ndarray:
@@ -136,25 +137,25 @@ class Movement(Protocol):
         """Report of the move, increment by increment."""
 
     def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
-        """Change of the points for changes of the initial points and of the surface points, each of its shape."""
+        """Change of the points for changes of the initial points and the surface points, each with its shape."""
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `jvp`: derivatives with respect to the initial points and the surface points."""
 
 
 class Mover(Protocol):
-    """Moves the points of a mesh behind its surface."""
+    """Moves the points of a mesh with its surface."""
 
-    # One whose movements have a ``start`` that is not None also takes that of an earlier movement, which saves what
-    # moves from the same initial points share; it keeps nothing of a move itself, so that components and threads may
-    # share it.
+    # If a mover's movements have a ``start`` that is not None, its ``move`` also takes the start of an earlier
+    # movement, which saves work that moves from the same initial points share. The mover stores nothing of a move
+    # itself, so components and threads may share it.
 
     @property
     def mesh(self) -> MovingMesh:
         """Mesh that is moved."""
 
     def move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres."""
+        """Move points (n_points, 3) with surface points (n_surface, 3), both in metres."""
         # Surface points end exactly on ``surface``, fixed ones stay, and sliding ones stay in their planes.
 
 
@@ -164,13 +165,13 @@ def digits_of(error: float) -> float:
 
 
 def differentiable(mover: Mover) -> Mover:
-    """Mover whose movements keep their factors for derivatives, unless its own setting ``keep_factors`` decides."""
+    """Mover whose movements keep their factors for derivatives, unless its own ``keep_factors`` is set."""
     settings: Any = mover
     return replace(settings, keep_factors=True) if getattr(mover, "keep_factors", False) is None else mover
 
 
 class Step(Protocol):
-    """One increment that was made, with its exact derivative."""
+    """One completed increment, with its exact derivative."""
 
     # It depends on the initial points (reference stiffness), on the points before the increment, and on the surface
     # points after it.
@@ -181,7 +182,7 @@ class Step(Protocol):
 
     @property
     def report(self) -> SolveReport | None:
-        """Report on the system of the increment; None where there was none."""
+        """Report on the system of the increment; None if there was none."""
 
     def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the points after the increment, shape (n_points, 3)."""
@@ -195,7 +196,7 @@ def check_request(
     initial: np.ndarray,  # (n_points, 3), points before the move (m)
     surface: np.ndarray,  # (n_surface, 3), surface points after it (m)
 ) -> None:
-    """Refuse what no mover can follow."""
+    """Refuse requests that no mover can follow."""
     for name, array, n in (("points", initial, mesh.n_points), ("surface points", surface, len(mesh.surface_ids))):
         if array.shape != (n, 3):
             raise InputError(f"movement: {name} of shape {array.shape}; give shape ({n}, 3)")
@@ -213,7 +214,7 @@ def check_request(
 
 
 def met_alike(mesh: MovingMesh, at_rest: np.ndarray, surface: np.ndarray) -> np.ndarray:
-    """Places of the surface, shape (n_surface, 3), with the mean of both sides where it ends on periodic ones."""
+    """Places of the surface, shape (n_surface, 3), averaged over both periodic sides where it ends on them."""
     return surface if mesh.surface_ties is None else at_rest + mesh.alike(surface - at_rest)
 
 
@@ -223,7 +224,7 @@ def check_reach(
     surface: np.ndarray,  # (n_surface, 3), surface points after it (m)
     points: np.ndarray,
 ) -> None:
-    """Refuse a move that takes a point far beyond what the surface does, see `MAX_AMPLIFICATION`."""
+    """Refuse a move that takes a point much farther than the surface, see `MAX_AMPLIFICATION`."""
     asked = np.linalg.norm(surface - initial[mesh.surface_ids], axis=1).max(initial=0.0)
     reach = np.linalg.norm(points - initial, axis=1)
     worst = int(np.argmax(np.where(np.isnan(reach), np.inf, reach)))

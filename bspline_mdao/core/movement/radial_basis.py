@@ -40,40 +40,40 @@ __all__ = [
 ]
 
 COMPACT = ("wendland c0", "wendland c2", "wendland c4")
-"""Functions that are zero from the radius on (Wendland 1995)."""
+"""Functions that vanish from the radius on (Wendland 1995)."""
 
 GLOBAL = ("volume", "thin plate", "multiquadric", "inverse multiquadric", "gaussian")
-"""Functions that are felt everywhere."""
+"""Functions with global support."""
 
 NEEDS_LINEAR = ("volume", "thin plate", "multiquadric")
 """Functions that interpolate only together with a linear polynomial."""
 
 MOST_CENTRES = 12_000
-"""Number of centres beyond which the dense system is refused; its factor then takes 1.2 GB an increment."""
+"""Most centres of the dense system; its factor then takes 1.2 GB per increment."""
 
 SMALLEST_PIVOT = 1e-12
-"""Centres nearer to a plane than this part of their distance from the origin are taken to lie in it."""
+"""Centres this near to a plane, relative to their distance from the origin, count as lying in it."""
 
 LARGEST_RESIDUAL = 1e-6
-"""A system that leaves more of the displacements of the centres is taken for singular."""
+"""Largest relative residual of the displacements of the centres; above it the system counts as singular."""
 
 
 @dataclass(frozen=True)
 class RadialBasis(IncrementalMover):
-    """Interpolate the prescribed displacements by radial functions about all points of the surface and all fixed ones.
+    """Interpolate the prescribed displacements by radial functions about all surface points and all fixed points.
 
     Parameters
     ----------
     mesh : MovingMesh
-        What is moved.
+        Mesh to move.
     kernel : str
-        ``"wendland c0"``, ``"wendland c2"`` or ``"wendland c4"``, zero from the radius on; or one that is felt
-        everywhere: ``"volume"``, ``"thin plate"``, ``"multiquadric"``, ``"inverse multiquadric"`` or ``"gaussian"``.
+        ``"wendland c0"``, ``"wendland c2"`` or ``"wendland c4"``, zero from the radius on; or one with global support:
+        ``"volume"``, ``"thin plate"``, ``"multiquadric"``, ``"inverse multiquadric"`` or ``"gaussian"``.
     radius : float
         Radius of the functions, in units of the mesh's size.
     has_linear : bool, optional
-        Whether a linear polynomial is added, with which affine displacements are reproduced; by default for the kernels
-        that need it: volume, thin plate and multiquadric.
+        Whether a linear polynomial is added, which reproduces affine displacements; by default for the kernels that
+        need it: volume, thin plate and multiquadric.
     n_increments : int
         Increments of the move; each has its own dense factor, which is kept for the derivatives.
 
@@ -167,17 +167,17 @@ def radial_interpolation(
 
 @dataclass(frozen=True, eq=False)
 class RadialInterpolation:
-    """An interpolation that was made."""
+    """A completed interpolation."""
 
     function: tuple[int, float]  # number of the radial function, and its radius (m)
     # targets, centres: (n_targets, 3), where it is evaluated, and where displacements are given (m)
     targets: np.ndarray
     centres: np.ndarray
     strengths: np.ndarray  # (n_centres, 3), factors of the functions
-    coefficients: np.ndarray  # (4, 3) or (0, 3), those of the linear polynomial: constant, x, y, z
-    system: RadialSystem  # what was solved: strengths and coefficients below each other from displacements and zeros
+    coefficients: np.ndarray  # (4, 3) or (0, 3), coefficients of the linear polynomial: constant, x, y, z
+    system: RadialSystem  # the system: strengths above coefficients, from displacements above zeros
     values: np.ndarray  # (n_targets, 3), displacements of the targets (m)
-    report: SolveReport  # how the system was solved
+    report: SolveReport  # solution of the system
 
     def jvp(self, d_targets: np.ndarray, d_centres: np.ndarray, d_displacement: np.ndarray) -> np.ndarray:
         """Change of the values for changes of the targets, of the centres and of their displacements."""
@@ -218,15 +218,15 @@ class RadialInterpolation:
 
 @dataclass(frozen=True, eq=False)
 class RadialSystem:
-    """The symmetric system ``[A P; P^T 0]``, factored; all functions are definite on the null space of ``P^T``."""
+    """The factored symmetric system ``[A P; P^T 0]``; all functions are definite on the null space of ``P^T``."""
 
     # With ``P = Q [R; 0]``, which has t columns, ``Q^T A Q`` beyond its first t rows and columns is positive or
-    # negative definite, and takes half the arithmetic of an LU factor of the whole.
+    # negative definite, and takes half the arithmetic of an LU factorisation of the whole.
 
-    factor: np.ndarray  # (n, n), lower Cholesky factor of that part, bordered by an identity
-    sign: float  # -1 where the part is negative definite
+    factor: np.ndarray  # (n, n), lower Cholesky factor of this part, bordered by an identity
+    sign: float  # -1 if this part is negative definite
     border: np.ndarray  # (n, t), first columns of ``Q^T A Q``
-    # reflectors, scales: (n, t) and (t,), Q as LAPACK holds it, and R in the upper triangle
+    # reflectors, scales: (n, t) and (t,), Q in LAPACK's form, and R in the upper triangle
     reflectors: np.ndarray
     scales: np.ndarray
 
@@ -278,13 +278,13 @@ def _apply_q(
     transposed: bool = False,
     overwrites: bool = False,
 ) -> np.ndarray:
-    """Product of an orthogonal matrix, as LAPACK holds it, with another matrix on the side given."""
+    """Product of an orthogonal matrix in LAPACK's form with another matrix on the given side."""
     work = 64 * max(matrix.shape)
     return dormqr(side, "T" if transposed else "N", reflectors, scales, matrix, work, overwrite_c=overwrites)[0]
 
 
 def _check_polynomials(pivots: np.ndarray, kernel: str) -> None:
-    """Refuse centres at which the polynomials, orthogonalised one after the other, depend on each other."""
+    """Refuse centres at which the polynomials, orthogonalised one after the other, are linearly dependent."""
     if len(pivots) < 4 or pivots.min() < SMALLEST_PIVOT * pivots.max():
         raise MovementError(
             f"radial basis: the centres lie in one plane, where the polynomial of kernel '{kernel}' is not unique; "
@@ -310,7 +310,7 @@ _WENDLAND_C0, _WENDLAND_C2, _WENDLAND_C4, _VOLUME, _THIN_PLATE, _MULTIQUADRIC, _
 
 @njit(cache=True, error_model="numpy")
 def _function(kind, r):
-    """Value of a radial function at the distance r in radii, and its derivative by r divided by r."""
+    """Value of a radial function at the distance r in radii, and its derivative in r divided by r."""
     # The latter is not finite at 0 for functions with a peak there, where no direction is special: it counts as 0.
     if kind <= _WENDLAND_C4:
         return _wendland(kind, r) if r < 1.0 else (0.0, 0.0)
@@ -368,11 +368,11 @@ def radial_sums(kind, radius, targets, centres, strengths):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _values(kind, radius, target, columns, values):
-    """Values at one target of the functions about centres, shape (3, n): loops that vectorise as far as they can."""
+    """Values at one target of the functions about centres, shape (3, n), in loops that vectorise as far as possible."""
     for i in range(len(values)):
         x, y, z = target[0] - columns[0, i], target[1] - columns[1, i], target[2] - columns[2, i]
         values[i] = np.sqrt(x * x + y * y + z * z) / radius
-    if kind != _VOLUME:  # which is the distance itself
+    if kind != _VOLUME:  # the volume function is the distance itself
         for i in range(len(values)):
             values[i] = _function(kind, values[i])[0]
 

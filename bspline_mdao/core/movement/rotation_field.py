@@ -1,11 +1,10 @@
-"""Rotations of the surface from its points at rest to where they go, and how they fade out into the volume.
+"""Rotations of the surface from its points at rest to their new places, and how they fade out into the volume.
 
-1. Every surface point takes the rotation that fits best what the quads around it do
+1. Every surface point takes the rotation that best fits the motion of the quads around it
    (`bspline_mdao.core.walls.rotations.LocalRotations`), as a vector that is continued along the surface.
-2. The vectors are extended by the harmonic field of `bspline_mdao.core.movement.target_gradients`: zero at fixed
-points, and
-   along the normal where points slide in a plane, which then turn in it. Its components do not meet, but for planes at
-   an angle to each other, so that its matrix is one of scalars (`RotationUnknowns`).
+2. The vectors are extended by the harmonic field of `bspline_mdao.core.movement.target_gradients`. It is zero at fixed
+   points, and along the normal where points slide in a plane, which then turn in the plane. Its components are
+   uncoupled, except for planes at an angle to each other, so its matrix is scalar (`RotationUnknowns`).
 
 Theory: ``docs/theory/rotations.rst``.
 """
@@ -36,12 +35,12 @@ SAME_PLANE = 6
 """Decimals to which the normals of one plane agree."""
 
 ROUND_OFF = 1e-14
-"""Components of unit vectors that are rounding."""
+"""Largest component of a unit vector that is rounding."""
 
 
 def surface_rotations(mesh: MovingMesh) -> LocalRotations:
-    """What the rotation of each surface point is made of."""
-    # What lies on two planes of symmetry never turns. What is on the axis of a sector stays on it, and turns about it.
+    """The map from surface points to the rotation of each."""
+    # A point on two planes of symmetry never turns. A point on the axis of a sector stays on it, and turns about it.
     ids, normals = mesh.in_plane_rows, mesh.in_plane_normals
     if mesh.surface_ties is not None:
         is_across = _is_across(mesh.surface_ties, ids, normals)
@@ -59,7 +58,7 @@ def surface_rotations(mesh: MovingMesh) -> LocalRotations:
 
 
 def _is_across(ties: Ties, ids: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Whether normals at points are directions across an axis on which the points are."""
+    """Whether normals at points are directions across an axis on which the points lie."""
     across = np.zeros((1 + max(ids.max(initial=0), ties.on_axis.max(initial=0)), 3, 3))
     np.add.at(across, ties.on_axis, np.einsum("ni,nj->nij", ties.across, ties.across))
     off = normals - np.einsum("nij,nj->ni", across[ids], normals)
@@ -76,8 +75,8 @@ def _sign(normals: np.ndarray) -> np.ndarray:
 class RotationUnknowns:
     """Numbering of the rotations of the points that may move, and the matrix of their extension."""
 
-    # An unknown is the component along a direction that a point may turn about: what moves freely turns about three,
-    # what slides in a plane about its normal, what is on the axis of a sector about that, and all else does not turn.
+    # An unknown is the component along a direction that a point may turn about: a free point turns about three, a point
+    # that slides in a plane about its normal, a point on the axis of a sector about the axis. All others do not turn.
 
     points: Unknowns  # the points that may move, with the pattern of their stiffness, all on this process
     comm: Any = ONE
@@ -85,7 +84,7 @@ class RotationUnknowns:
     @cached_property
     def _directions(self) -> csr_array:
         """Directions of the unknowns, in the order of their elimination, shape (3 n, n_unknowns) for n points."""
-        # Copies turn as their originals do, turned. That joins components, so that those of a point come together.
+        # Copies have the turned rotations of their originals. This couples components, so a point's come together.
         mesh, ids, ties = self.points.mesh, self.points.row_ids, self.points.ties
         rank = np.argsort(fill_reducing_order(*graph_of(self.points.pattern)))
         is_free = mesh.is_free[ids]
@@ -95,7 +94,7 @@ class RotationUnknowns:
             on_axis = np.flatnonzero((is_free.sum(axis=1) == 1) & np.isin(ids, mesh.ties.on_axis))
             sliding, fixed = np.append(sliding, on_axis), np.append(fixed, np.argmax(is_free[on_axis], axis=1))
         normals = np.eye(3)[fixed] if mesh.frames is None else mesh.frames[ids[sliding], fixed]
-        # directions that free points turn about: normals first, so that planes at right angles join no components
+        # directions that free points turn about: normals first, so planes at right angles couple no components
         axes = np.linalg.qr(np.concatenate([mesh.plane_normals, np.eye(3)]).T)[0].T
         slots = np.concatenate([np.repeat([0, 1, 2], len(rotating)), np.argmax(np.abs(normals @ axes.T), axis=1)])
         rows = np.concatenate([np.tile(rotating, 3), sliding])
@@ -113,7 +112,7 @@ class RotationUnknowns:
 
     @property
     def _turned(self) -> csr_array:
-        """Vectors of all points from those of originals and of points that are none's copies, shape (3 n, 3 n_rows)."""
+        """Matrix to vectors of all points from those that are not copies, shape (3 n, 3 n_rows)."""
         of_points, n = self.points, len(self.points.point_ids)
         ties: Any = of_points.ties
         rows = np.searchsorted(of_points.row_ids, of_points.point_ids)
@@ -146,8 +145,8 @@ class SurfaceVectors:
     """Rotation vectors of the surface points in one move, shape (n_surface, 3), and their derivative."""
 
     rotations: Rotations
-    found: np.ndarray  # as they are found from the faces around each point
-    ties: Ties | None = None  # surface points of periodic sides, whose faces are on either side: their mean is taken
+    found: np.ndarray  # as found from the faces around each point
+    ties: Ties | None = None  # surface points of periodic sides, whose faces are on either side: the mean counts
 
     @classmethod
     def of(

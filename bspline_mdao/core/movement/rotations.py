@@ -1,15 +1,15 @@
-"""A mover that takes the rotations of its surface along: the same factors, whatever the angle.
+"""A mover that extends the rotations of its surface, with the same factors for any angle.
 
-A rotation is no linear function of its angle, so that displacements that are solved for at once stretch what should
-turn. Here the rotations come first, as in the editing of shapes by their gradients:
+A rotation is not a linear function of its angle, so displacements from a single solution stretch what should turn. Here
+the rotations come first, as in the gradient-based editing of shapes:
 
-1. the rotation of every surface point, from rest to where it goes, as a vector;
+1. the rotation of every surface point, from rest to its new place, as a vector;
 2. a harmonic extension of these vectors into the volume: w, and R = exp([w]x) in every element;
 3. the displacement whose gradient is nearest to R - I;
-4. R again, as the elements turn in this displacement, and step 3, a fixed number of times.
+4. R from the rotation of the elements in this displacement, and step 3 again, a fixed number of times.
 
-Steps 1 and 2 are in `bspline_mdao.core.movement.rotation_field`, the systems of 2 and 3, whose matrices depend on the
-initial points alone, in `bspline_mdao.core.movement.target_gradients`. Nothing depends on the moves before.
+Steps 1 and 2 are in `bspline_mdao.core.movement.rotation_field`. The systems of 2 and 3, whose matrices depend only on
+the initial points, are in `bspline_mdao.core.movement.target_gradients`. Nothing depends on earlier moves.
 
 Y. Yu, K. Zhou, D. Xu, X. Shi, H. Bao, B. Guo and H.-Y. Shum, "Mesh editing with Poisson-based gradient field
 manipulation", ACM Transactions on Graphics 23(3), 2004, pp. 644-651.
@@ -50,40 +50,40 @@ from .young_modulus import InverseVolumeLaw
 __all__ = ["RotatedMovement", "RotatedStart", "Rotations"]
 
 OF_DISPLACEMENTS = InverseVolumeLaw(shape=0.25)
-"""Modulus of the system of displacements: what is small or has flat corners from the start keeps its shape."""
+"""Modulus of the system of displacements: elements that are small or initially have flat corners keep their shape."""
 
 OF_ROTATIONS = InverseVolumeLaw(power=0.1)
-"""Modulus of the extension of rotations: with more, all turns with the surface that is near to it, and at once with the
-far field beyond; with none, what is about the edges of tips turns too little."""
+"""Modulus of the extension of rotations. A larger one makes everything near the surface turn with it, and the far field
+beyond abruptly; with none, the region around the edges of tips turns too little."""
 
 HARMONIC = (1.0, 0.0, 0.0)
 """Law of the extension, see `bspline_mdao.core.movement.target_gradients`."""
 
 MIXED = (1.0, *lame_constants(-0.2))
-"""Law of the displacements: how far the gradient is from the rotation, and how far the element is strained."""
+"""Law of the displacements: deviation of the gradient from the rotation, and strain of the element."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rotations(OneLine):
     """Moves a mesh by extending the rotations of its surface, with the same two factors for all surfaces.
 
-    There are no increments: a move of any angle takes ``2 + n_repetitions`` solutions, and depends on the initial
-    points and the surface alone. A rigid motion of all that is not free is followed exactly. Angles may grow beyond
-    half a turn along the surface, up to a full turn.
+    There are no increments: a move of any angle takes ``2 + n_repetitions`` solutions, and depends only on the initial
+    points and the surface. A rigid motion of all points that are not free is followed exactly. Angles may exceed half a
+    turn along the surface, up to a full turn.
 
     Parameters
     ----------
     mesh : MovingMesh
-        What is moved.
+        Mesh to move.
     n_repetitions : int
-        How often the rotations are taken anew from the displacement, at the price of one solution each.
+        How often the rotations are recomputed from the displacement, at the cost of one solution each.
     solver : object
         Settings of a sparse solver of `bspline_mdao.base.sparse`; `Cholesky` by default.
 
     Raises
     ------
     InputError
-        If the number of repetitions is none.
+        If the number of repetitions is not a non-negative integer.
 
     Examples
     --------
@@ -127,7 +127,7 @@ class Rotations(OneLine):
         )
 
     def move(self, initial: np.ndarray, surface: np.ndarray, start: RotatedStart | None = None) -> RotatedMovement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
+        """Move points (n_points, 3) with surface points (n_surface, 3), both in metres.
 
         With the ``start`` of an earlier movement, or from `start`, moves from the same initial points share their
         factors. A start from other points is not used.
@@ -138,7 +138,7 @@ class Rotations(OneLine):
             If a shape is wrong.
         MovementError
             If a coordinate is not finite, a surface point leaves its symmetry plane, the surface is turned inside out,
-            a system cannot be solved, or a point is moved far beyond what the surface does.
+            a system cannot be solved, or a point is moved much farther than the surface.
         """
         return solved(self.move_task(initial, surface, start))
 
@@ -204,13 +204,13 @@ class RotatedMovement(OneLine):
     vectors: SurfaceVectors  # rotations of the surface points
     extension: TargetGradientField  # rotation vectors of all points
     of_elements: np.ndarray  # (n_elements, 3), their means over the corners of every element
-    # displacement of all points (m), the first and that of every repetition
+    # displacement of all points (m), the first and one for every repetition
     displacements: tuple[TargetGradientField, ...]
-    repetitions: tuple[ElementRotations, ...]  # rotations of the elements in each but the last
+    repetitions: tuple[ElementRotations, ...]  # rotations of the elements in each except the last
     points: np.ndarray  # (n_points, 3), moved points (m)
-    report: MovementReport  # what the move did
-    start: RotatedStart  # what moves from the same initial points can share
-    slid: SlidPoints | None  # where points slid to; None where none slide
+    report: MovementReport  # report on the move
+    start: RotatedStart  # data that moves from the same initial points share
+    slid: SlidPoints | None  # positions of points after sliding; None if none slide
 
     @property
     def surface_ids(self) -> np.ndarray:

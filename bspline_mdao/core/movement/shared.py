@@ -1,10 +1,10 @@
-"""A move on several processes: by the first of them for all, or by all of them together.
+"""A move on several processes: made by the first of them for all, or by all of them together.
 
-Control points are the same on all processes, and so is what a mover gives. Up to a size the first process moves: it
-alone has a factor, and sends moved points, products with derivatives, reports and errors to the others, 24 bytes for
-each control point. Beyond it all processes share the rows of the system, by MUMPS while its factor fits into their
-memory together, and by conjugate gradients with a multigrid where it does not. Which it is follows from the memory of
-the factors, which the symbolic analysis knows, and can be chosen.
+Control points are the same on all processes, and so is the result of a mover. Up to a size the first process moves:
+only it has a factor, and it sends moved points, products with derivatives, reports and errors to the others, 24 bytes
+for each control point. Beyond this size all processes share the rows of the system, with MUMPS while its factor fits
+into their total memory, and otherwise with conjugate gradients and a multigrid. The choice follows from the memory of
+the factors, which the symbolic analysis knows, and can be overridden.
 
 Theory: ``docs/theory/sparse_parallel.rst``.
 """
@@ -29,13 +29,13 @@ __all__ = ["ALL_PROCESSES", "AUTO", "FIRST_PROCESS", "WAYS", "Placement", "Share
 
 AUTO, FIRST_PROCESS, ALL_PROCESSES = "auto", "first", "all"
 WAYS = (AUTO, FIRST_PROCESS, ALL_PROCESSES)
-"""Who moves: whoever memory allows, the first process, or all together."""
+"""Who moves: decided by memory, the first process, or all together."""
 
 PART_OF_MEMORY = 0.5
-"""Part of the memory available to the first process that its factors may take, and of that of all machines together."""
+"""Fraction of available memory that factors may take, the first process's or all machines' together."""
 
 MUMPS_OVERHEAD = 1.5
-"""Memory of MUMPS, with the work beside the factor, by that of a factor of `bspline_mdao.base.sparse.cholesky`."""
+"""Memory of MUMPS, with its work space, relative to a factor of `bspline_mdao.base.sparse.cholesky`."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,10 @@ class Placement:
 
 def shared_mover(
     mover: Mover,  # any mover, the same on all processes
-    comm: Any,  # the processes. With one of them, the mover itself is returned.
-    way: str = AUTO,  # who moves. "all" is for movers that solve for equilibrium: elasticity and springs.
+    comm: Any,  # the processes; for one process, the mover itself is returned
+    way: str = AUTO,  # who moves; "all" is for movers that solve for equilibrium: elasticity and springs
 ) -> Mover:
-    """Mover for the processes of a communicator, all of which call it, and then its moves and products."""
+    """Mover for the processes of a communicator, all of which call this, and later its moves and products."""
     if way not in WAYS:
         raise InputError(f"movement: processes '{way}'; give one of {', '.join(WAYS)}")
     if comm.size == 1:
@@ -72,9 +72,9 @@ def shared_mover(
 
 @dataclass(frozen=True, eq=False)
 class _SharedMover:
-    """A mover of several processes: each of its moves, and each product with a derivative, is made by all."""
+    """A mover of several processes: each of its moves, and each product with a derivative, is collective."""
 
-    mover: Mover  # what moves, on the first process or on all of them
+    mover: Mover  # the mover, on the first process or on all of them
     comm: Any  # the processes
     placement: Placement  # who moves
 
@@ -84,10 +84,8 @@ class _SharedMover:
         return self.mover.mesh
 
     def move(self, initial: np.ndarray, surface: np.ndarray, **options: Any) -> SharedMovement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres, those of the first process.
-
-        What the mover raises, all processes raise. Options are those of the mover's own ``move``.
-        """
+        """Move the first process's points (n_points, 3) with surface points (n_surface, 3), in metres; collective."""
+        # all processes raise the mover's errors; options are passed to the mover's own ``move``
         movement: Movement | None = None
         if self.placement.way == ALL_PROCESSES:
             initial, surface = self.comm.bcast((initial, surface))
@@ -108,13 +106,13 @@ class SharedMovement:
 
     comm: Any  # the processes
     way: str  # who made it, "first" or "all"
-    movement: Any  # the movement, where this process has it
+    movement: Any  # the movement, if this process has it
     points: np.ndarray  # (n_points, 3), moved points (m)
     report: MovementReport  # report of the move, which says who moved
 
     @property
     def start(self) -> Any:
-        """What the next move from the same points can share, on a process that has it."""
+        """Data that the next move from the same points shares, on a process that has it."""
         return getattr(self.movement, "start", None)
 
     def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
@@ -133,7 +131,7 @@ class SharedMovement:
 
 
 def _placed(mover: Any, memory: int, n_processes: int, way: str) -> tuple[Placement, Any]:
-    """Who is to move, and with which solver, none where there is nothing to solve; the first process decides."""
+    """Who moves, and with which solver, or None without a system; the first process decides."""
     first, everyone = (partial(Placement, way, n_processes) for way in (FIRST_PROCESS, ALL_PROCESSES))
     if not isinstance(mover, EquilibriumMover):
         if way == ALL_PROCESSES:

@@ -1,7 +1,7 @@
 """The numbers Q that the springs of a hexahedron resist: their gradients g, and the change of g along a field.
 
-See `bspline_mdao.core.movement.springs` for what Q is. Theory: ``docs/theory/springs.rst``. Corners and gradients are
-arrays, shapes (8, 3) and (4, 3).
+See `bspline_mdao.core.movement.springs` for the definition of Q. Theory: ``docs/theory/springs.rst``. Corners and
+gradients are arrays, shapes (8, 3) and (4, 3).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ N_SPRINGS = N_LINEAL + 8 * 4
 
 
 def _points() -> np.ndarray:
-    """Corners of every spring, shape (N_SPRINGS, 4): two ends, or a vertex and two or three ends, and then any."""
+    """Corners of every spring, shape (N_SPRINGS, 4): two ends, or a vertex and two or three ends, then padding."""
     pairs = [(p, q, p, p) for p in range(8) for q in range(p + 1, 8)]
     corners = []
     for c in range(8):
@@ -36,7 +36,7 @@ POINTS = _points()
 """Corners of every spring."""
 
 COUNTS = np.array([2] * N_LINEAL + [3, 3, 3, 4] * 8)
-"""Number of corners of every spring: what follows in `POINTS` does not count."""
+"""Number of corners of every spring: the rest of `POINTS` is padding."""
 
 _WEIGHTS = np.array([(0.5, np.sqrt(0.5), 1.0)[bin(p ^ q).count("1") - 1] for p, q in POINTS[:N_LINEAL, :2]])
 
@@ -46,7 +46,7 @@ _PARITY = np.array([(-1.0) ** bin(c).count("1") for c in range(8)])
 
 @njit(cache=True)
 def gradient(x, n, sign, torsion, g):
-    """Gradient g of spring n by its corners; that of torsional springs has a factor."""
+    """Gradient g of spring n with respect to its corners; for torsional springs it has a factor."""
     points = POINTS[n]
     a, b, c, d = row(x, points[0]), row(x, points[1]), row(x, points[2]), row(x, points[3])
     if n < N_LINEAL:
@@ -59,7 +59,7 @@ def gradient(x, n, sign, torsion, g):
 
 @njit(cache=True)
 def gradient_change(x, dx, n, sign, torsion, dg):
-    """Change dg of `gradient` as the corners x go along dx."""
+    """Change dg of `gradient` for a change dx of the corners x."""
     points = POINTS[n]
     a, b, c, d = row(x, points[0]), row(x, points[1]), row(x, points[2]), row(x, points[3])
     d_a, d_b, d_c, d_d = row(dx, points[0]), row(dx, points[1]), row(dx, points[2]), row(dx, points[3])

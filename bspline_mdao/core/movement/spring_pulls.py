@@ -1,6 +1,6 @@
-"""How the springs of a hexahedron pull at its corners: gradients of the numbers Q that they resist.
+"""Pulls of the springs of a hexahedron at its corners: gradients of the numbers Q that they resist.
 
-See `bspline_mdao.core.movement.springs` for what Q is. Theory: ``docs/theory/springs.rst``.
+See `bspline_mdao.core.movement.springs` for the definition of Q. Theory: ``docs/theory/springs.rst``.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def inverse_regularised_slope(t, t_0):
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def lineal_pull(a, b, factor):
-    """Gradient of the Q of a lineal spring by its ends."""
+    """Gradient of the Q of a lineal spring with respect to its ends."""
     direction, inverse = _unit(a, b)
     pull = scaled(factor * inverse, direction)
     return scaled(-1.0, pull), pull
@@ -40,7 +40,7 @@ def lineal_pull(a, b, factor):
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def angular_pull(vertex, a, b, factor):
-    """Gradient of the Q of an angle by its vertex and the ends of its legs."""
+    """Gradient of the Q of an angle with respect to its vertex and the ends of its legs."""
     u, inverse_u = _unit(vertex, a)
     v, inverse_v = _unit(vertex, b)
     cosine = dot(u, v)
@@ -52,7 +52,7 @@ def angular_pull(vertex, a, b, factor):
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def solid_pull(vertex, a, b, c, factor, sign):
-    """Gradient of the Q of a corner by its vertex and the ends of its three edges."""
+    """Gradient of the Q of a corner with respect to its vertex and the ends of its three edges."""
     u, inverse_u = _unit(vertex, a)
     v, inverse_v = _unit(vertex, b)
     w, inverse_w = _unit(vertex, c)
@@ -67,7 +67,7 @@ def solid_pull(vertex, a, b, c, factor, sign):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _unit(start, end):
-    """Unit vector between two corners, and the inverse of their distance; 0, and a large number, between twins."""
+    """Unit vector between two corners, and their inverse distance; 0 and a large number if they coincide."""
     edge = less(end, start)
     inverse = 1.0 / np.sqrt(dot(edge, edge) + TINY)
     return scaled(inverse, edge), inverse

@@ -1,18 +1,18 @@
 """Spring analogy: the mesh as a network of lineal springs, and torsional springs at the corners of elements.
 
-Theory: ``docs/theory/springs.rst``. The springs are stiffened anew at the start of every increment.
+Theory: ``docs/theory/springs.rst``. The stiffness is updated at the start of every increment.
 
 Every spring resists the change of one number Q of an element, with a stiffness of 1: its energy for a displacement u
 is (g . u)^2 / 2 with g the gradient of Q with respect to the corners
-(`bspline_mdao.core.movement.spring_gradients`). How stiff it is in the usual sense lies in Q:
+(`bspline_mdao.core.movement.spring_gradients`). Its stiffness in the usual sense is contained in Q:
 
 - along an edge, a face diagonal or a body diagonal of length L, dQ = dL / L: stiffness 1 / L^2;
 - between two edges at a corner with angle theta, dQ = d theta / sin(theta): stiffness 1 / sin(theta)^2;
 - at a corner with triple product t of unit edges, dQ = dt / t.
 
 The last two are regularised (`bspline_mdao.core.movement.trilinear`). An edge counts a quarter and a face diagonal a
-half, since as many elements share it. The second derivatives of Q are symmetric, so that the change of g along a field
-gives the derivatives of the force in both directions.
+half, since four and two elements share them. The second derivatives of Q are symmetric, so the change of g along a
+field gives the derivatives of the force in both directions.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ class TorsionalSprings(EquilibriumMover):
     Parameters
     ----------
     mesh : MovingMesh
-        What is moved.
+        Mesh to move.
     n_increments : int
         Number of increments, as for `bspline_mdao.core.movement.elasticity.LinearElasticity`.
     torsion : float
-        Stiffness of the torsional springs relative to that of the lineal ones.
+        Stiffness of the torsional springs relative to the lineal ones.
     solver : object
         Settings of a sparse solver of `bspline_mdao.base.sparse`; `Cholesky` by default.
     keep_factors : bool, optional
@@ -78,7 +78,7 @@ class SpringElements:
     """Springs of all elements at given points, see `bspline_mdao.core.movement.equilibrium_mover.Elements`."""
 
     mesh: MovingMesh
-    torsion: float  # factor of dQ of the torsional springs
+    torsion: float  # factor of dQ for torsional springs
     points: np.ndarray
 
     @property
@@ -123,7 +123,7 @@ def _relative(u, n, c):
 
 @njit(cache=True)
 def _stretch(g, n, u):
-    """Product g . u of spring n: relative displacements do, as the rows of g add up to zero, and keep more digits."""
+    """Product g . u of spring n, with relative displacements: the rows of g sum to zero, and more digits are kept."""
     total = 0.0
     for c in range(1, COUNTS[n]):
         total += dot(row(g, c), _relative(u, n, c))
@@ -139,7 +139,7 @@ def _add_force(g, n, factor, f):
 
 @njit(cache=True)
 def _add_force_to_sum(g, n, factor, n_parts, f):
-    """Add factor times g to the corners of spring n, a sum of two parts if asked: they add up to nothing exactly."""
+    """Add factor times g to the corners of spring n, as a sum of two parts if given: the total is exactly zero."""
     if n_parts == 1:
         _add_force(g, n, factor, f[0])
         return
@@ -173,7 +173,7 @@ def _gather(values, corners, local):
 
 @njit(cache=True)
 def _gather_sum(parts, corners, local):
-    """Gather a sum of one or two parts as two."""
+    """Gather a sum of one or two parts as two parts."""
     for part in range(len(parts)):
         _gather(parts[part], corners, local[part])
     local[len(parts) :] = 0.0
@@ -188,7 +188,7 @@ def _scatter(local, corners, values):
 
 @njit(cache=True)
 def _scatter_sum(local, corners, parts):
-    """Add what is at the corners, two parts, to a sum of one or two."""
+    """Add the values at the corners, two parts, to a sum of one or two parts."""
     if len(parts) == 1:
         _scatter(local[0], corners, parts[0])
         return
@@ -204,10 +204,10 @@ def force(
     elements: np.ndarray,  # (n_elements, 8) of int, points at the corners
     signs: np.ndarray,  # (n_elements,) of int, handedness
     degenerate_corners: np.ndarray,  # (n_elements,), bits of the corners without torsional springs
-    torsion: float,  # factor of dQ of the torsional springs
+    torsion: float,  # factor of dQ for torsional springs
     # (n_parts, n_points, 3), the field u as a sum of parts (m), see `bspline_mdao.core.movement.elasticity.force`
     displacement: np.ndarray,
-) -> np.ndarray:  # (n_parts, n_points, 3), as a sum of as many parts
+) -> np.ndarray:  # (n_parts, n_points, 3), as a sum of equally many parts
     """Compute the force K u on every point."""
     total, n_parts = np.zeros_like(displacement), len(displacement)
     x, u, f, g = np.empty((8, 3)), np.empty((2, 8, 3)), np.empty((2, 8, 3)), np.empty((4, 3))
@@ -225,7 +225,7 @@ def force(
 
 @njit(cache=True)
 def force_jvp(points, elements, signs, degenerate_corners, torsion, displacement, d_points):
-    """Change of `force` for a change of the points, of as many parts; in the displacement, `force` is linear."""
+    """Change of `force` for a change of the points, in equally many parts; `force` is linear in the displacement."""
     total, n_parts = np.zeros_like(displacement), len(displacement)
     x, u, f, g = np.empty((8, 3)), np.empty((2, 8, 3)), np.empty((2, 8, 3)), np.empty((4, 3))
     dx, dg = np.empty((8, 3)), np.empty((4, 3))
@@ -248,8 +248,7 @@ def force_jvp(points, elements, signs, degenerate_corners, torsion, displacement
 @njit(cache=True)
 def force_vjp(points, elements, signs, degenerate_corners, torsion, displacement, bar):
     """Transpose of `force_jvp` and of `force`: derivatives with respect to the points and the displacement."""
-    # Here ``bar``, shape (n_parts, n_points, 3), is the derivative of a scalar with respect to the force, a sum of
-    # parts.
+    # ``bar``, shape (n_parts, n_points, 3), is the derivative of a scalar with respect to the force, a sum of parts.
     points_bar, displacement_bar = np.zeros_like(points), np.zeros_like(points)
     x, w, u, v = np.empty((8, 3)), np.empty((8, 3)), np.empty((2, 8, 3)), np.empty((2, 8, 3))
     x_bar, u_bar = np.empty((8, 3)), np.empty((8, 3))
@@ -290,7 +289,7 @@ def add_stiffness(points, elements, signs, degenerate_corners, torsion, rows, sl
 
 @njit(cache=True)
 def _add_square(g, n, stiffness):
-    """Add g g^T of spring n, pair by pair of its corners."""
+    """Add g g^T of spring n for each pair of its corners."""
     for a in range(COUNTS[n]):
         for b in range(COUNTS[n]):
             for c in range(3):

@@ -1,18 +1,18 @@
-"""Fields whose gradients are as near as they can be to target matrices, one for each element.
+"""Fields whose gradients are as near as possible to target matrices, one for each element.
 
-For a field u and the target G, what is left of the gradient of an element is that of u - G x, with G constant. With
-the slopes z_i of this difference, its gradient H(z) / J as in `bspline_mdao.core.movement.elasticity`, and one modulus
-E for each element, the sum over elements and their 2 x 2 x 2 Gauss points of
+For a field u and the target G, the deviation of an element is the gradient of u - G x, with G constant. With the slopes
+z_i of this difference, its gradient H(z) / J as in `bspline_mdao.core.movement.elasticity`, and one modulus E for each
+element, the sum over elements and their 2 x 2 x 2 Gauss points of
 
     w = E / (16 J) T(H(z)) : H(z),        T(H) = alpha H + lambda tr(H) I + mu (H + H^T),
 
-is least where the force F(u; G), its derivative with respect to u, vanishes at all free points. T weighs how far the
-gradient is from G: all of it by alpha, and as elastic strain by lambda and mu; alpha alone makes the matrix K of F that
-of a Laplacian of each component. F is linear in u and in G, and all derivatives follow from the one expression. J is
-regularised as there.
+is least where the force F(u; G), its derivative with respect to u, vanishes at all free points. T weighs the deviation
+of the gradient from G: all of it by alpha, and its elastic strain by lambda and mu. With alpha only, the matrix K of F
+is a Laplacian for each component. F is linear in u and in G, and all derivatives follow from this one expression. J is
+regularised as in elasticity.
 
-The slopes are formed before they are multiplied: F is the difference of two forces which in thin elements are larger
-by orders of magnitude. Fields and forces are sums of one or two parts, as of elastic elements.
+The slopes are formed before they are multiplied: F is the difference of two forces that are larger by orders of
+magnitude in thin elements. Fields and forces are sums of one or two parts, as for elastic elements.
 
 Theory: ``docs/theory/rotations.rst``.
 """
@@ -66,11 +66,11 @@ class TargetGradientElements:
     """Elements at given points, see `bspline_mdao.core.movement.equilibrium.Balanced`. Made by `of`."""
 
     mesh: MovingMesh
-    stiffness: InverseVolumeLaw  # what the modulus is of the points
+    stiffness: InverseVolumeLaw  # the modulus as a function of the points
     law: tuple[float, float, float]  # alpha, lambda and mu
     points: np.ndarray  # (n_points, 3)
     modulus: np.ndarray  # (n_elements,)
-    target: np.ndarray  # (n_elements, 3, 3), the matrices G that the gradients are to be near to
+    target: np.ndarray  # (n_elements, 3, 3), the target matrices G of the gradients
 
     @classmethod
     def of(
@@ -93,11 +93,11 @@ class TargetGradientElements:
         _add_stiffness(points, *chosen, law, element_rows, slots, data)
 
     def force(self, displacement: np.ndarray) -> np.ndarray:
-        """Force on all points: linear where the target is zero."""
+        """Force on all points: linear if the target is zero."""
         return _force(*self._arguments, self.target, displacement)
 
     def force_jvp(self, displacement: np.ndarray, d_points: np.ndarray, d_target: np.ndarray | None) -> np.ndarray:
-        """Change of the force of a given displacement with the points, which the modulus follows, and the target."""
+        """Change of the force of a given displacement with the points, including the modulus, and the target."""
         d_modulus = self.stiffness.modulus_jvp(self.mesh, self.points, self.points, 0.0 * d_points, d_points)
         return _force_jvp(*self._arguments, self.target, displacement, d_points, d_modulus, d_target)
 
@@ -127,7 +127,7 @@ class TargetGradientSystem(OneLine):
         return cls(equilibrium, elements, equilibrium.factorized(elements))
 
     def field_task(self, surface_values: np.ndarray, target: np.ndarray | None = None) -> Task[TargetGradientField]:
-        """Solve for the field that has values, shape (n_surface, 3), on the surface; zero where nothing is free."""
+        """Solve for the field with given values, shape (n_surface, 3), on the surface; zero if nothing is free."""
         elements = self.elements if target is None else replace(self.elements, target=target)
         nothing = np.zeros((1, 1, 1))
         prescribed = self.on_surface(surface_values)
@@ -151,7 +151,7 @@ class TargetGradientSystem(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class TargetGradientField:
-    """A field that was solved for, and its derivative."""
+    """A solution for a field, and its derivative."""
 
     system: TargetGradientSystem
     elements: TargetGradientElements
@@ -293,7 +293,7 @@ def _force(points, elements, signs, modulus, law, target, displacement):
                     size += abs(displacement[part, corners[c], d])
             for c in range(3):
                 size += abs(target[e, d, c])
-        if size == 0.0:  # at rest, as most elements are where the surface alone is displaced
+        if size == 0.0:  # at rest, like most elements if only the surface is displaced
             continue
         slopes_of(points, corners, f)
         slopes_of_sum(displacement, corners, z)

@@ -1,7 +1,7 @@
 """Algebraic movement of blocks: transfinite interpolation of the displacement of corners, edges and faces.
 
-Theory: ``docs/theory/movers.rst``. Block corners that nothing prescribes follow a network of springs along the edges of
-the blocks; the weights of all other points are made section by section: from corners to edges, faces and insides.
+Theory: ``docs/theory/movers.rst``. Block corners that are not prescribed follow a network of springs along the edges of
+the blocks. The weights of all other points are made section by section: from corners to edges, faces and interiors.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ class Transfinite(IncrementalMover):
     """Move corners, then edges, faces and interiors of blocks, each interpolated from its boundary.
 
     Block corners that are neither on the surface nor fixed follow a network of springs along the edges of the blocks.
-    The displacement of all points is a linear function of that of the surface, with weights that the baseline decides.
+    The displacement of all points is linear in the surface's, with weights from the baseline.
 
     Parameters
     ----------
     mesh : MovingMesh
-        What is moved. A control mesh is interpolated in its parameters, other meshes by the arc length of their lines.
+        Mesh to move. A control mesh is interpolated in its parameters, other meshes by the arc length of their lines.
     n_increments : int
-        Increments of the move; as the weights are constant, they change nothing but the report.
+        Increments of the move; since the weights are constant, they only change the report.
 
     References
     ----------
@@ -73,7 +73,7 @@ class Transfinite(IncrementalMover):
 
 @dataclass(frozen=True, eq=False)
 class _Weights:
-    """Displacements of all points from those of the surface and, with them, of the free corners."""
+    """Displacements of all points from the surface's and, through these, the free corners'."""
 
     of_surface: sparse.csr_array
     of_corners: sparse.csr_array
@@ -102,8 +102,8 @@ class _Constant:
 
 def free_corners(
     mesh: MovingMesh,  # the blocks
-) -> SpringNetwork:  # its given points are those of the surface
-    """Connect the corners along the edges of all blocks by springs, as stiff as the edges are short on the baseline."""
+) -> SpringNetwork:  # its given points are the surface's
+    """Connect the corners along the edges of all blocks by springs, stiffer the shorter the edges on the baseline."""
     lengths = {}
     for ids in mesh.blocks:
         for section in sections_of(ids.shape, n_free=1):
@@ -117,7 +117,7 @@ def free_corners(
 
 
 def _directions(mesh: MovingMesh, ids: np.ndarray) -> sparse.csr_array:
-    """Directions in which points may move as orthonormal columns, shape (3 n, n_free)."""
+    """Directions in which points may move, as orthonormal columns, shape (3 n, n_free)."""
     frames = np.broadcast_to(np.eye(3), (len(ids), 3, 3)) if mesh.frames is None else mesh.frames[ids]
     n, columns = len(ids), frames.transpose(0, 2, 1)
     blocks = sparse.bsr_array((columns, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n), blocksize=(3, 3))
@@ -138,18 +138,17 @@ def arc_lengths(
 
 
 def transfinite_weights(
-    # sequence of ndarray of int, each of shape (N0, N1, N2) of int, points of every block
+    # each int (N0, N1, N2), points of every block
     blocks: Sequence[np.ndarray],
-    # sequence of ndarray, each of shape (N0, N1, N2, 3), where each point stands between the two ends of every
-    # direction, from 0 to 1
+    # each (N0, N1, N2, 3), place of each point between the two ends of every direction, from 0 to 1
     places: Sequence[np.ndarray],
     prescribed_ids: np.ndarray,  # (n_prescribed,) of int, known points; all corners of all blocks are among them
     n_points: int,  # number of points
-) -> sparse.csr_array:  # scipy.sparse.csr_array, shape (n_points, n_prescribed)
+) -> sparse.csr_array:  # (n_points, n_prescribed)
     """Weights with which all points follow the prescribed ones."""
-    # Inside a section whose boundary is done, the interpolant is that of `bspline_mdao.base.numerics.transfinite`.
-    # Points that are prescribed, or belong to an earlier section, keep what they have: shared sections are interpolated
-    # once, and all blocks agree.
+    # Inside a section whose boundary is done, the interpolant is `bspline_mdao.base.numerics.transfinite`. Points that
+    # are prescribed, or belong to an earlier section, keep their values: shared sections are interpolated once, and all
+    # blocks agree.
     shape = (n_points, len(prescribed_ids))
     weights = sparse.csr_array(
         (np.ones(len(prescribed_ids)), (prescribed_ids, np.arange(len(prescribed_ids)))), shape=shape
@@ -173,11 +172,11 @@ def _in_rows(parts: Sequence[tuple[np.ndarray, sparse.csr_array]], shape: tuple[
 def _sections(
     blocks: Sequence[np.ndarray], places: Sequence[np.ndarray], is_done: np.ndarray, n_free: int
 ) -> Iterator[tuple[np.ndarray, sparse.csr_array]]:
-    """Points of every section that are not done yet, and their weights of all points; marks them as done."""
+    """Points of every section that are not done yet, with their weights; marks them as done."""
     for ids, place in zip(blocks, places):
         for section in sections_of(ids.shape, n_free):
             inner = ids[inner_slices(section)].ravel()
-            rows, first = np.unique(inner, return_index=True)  # a folded section holds points twice
+            rows, first = np.unique(inner, return_index=True)  # a folded section has points twice
             first, rows = first[~is_done[rows]], rows[~is_done[rows]]
             is_done[rows] = True
             if len(rows):

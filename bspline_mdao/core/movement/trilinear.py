@@ -1,17 +1,17 @@
 """The trilinear hexahedron that the elements of `bspline_mdao.core.movement` share.
 
-Coordinates at its Gauss points, a positive number in place of a Jacobian that may vanish, and sums over corners.
+Coordinates at its Gauss points, a positive replacement for a Jacobian that may vanish, and sums over corners.
 Theory: ``docs/theory/elasticity.rst``.
 
-Corner a + 2 b + 4 d stands at (a, b, d). With the slopes f_i = dx/dxi_i at a Gauss point, the rows of the adjugate are
+Corner a + 2 b + 4 d is at (a, b, d). With the slopes f_i = dx/dxi_i at a Gauss point, the rows of the adjugate are
 a_0 = f_1 x f_2, a_1 = f_2 x f_0 and a_2 = f_0 x f_1, and the Jacobian is J = f_0 . a_0. Edges may have no length: only
-the Gauss points count. Slopes at all Gauss points of an element are computed at once, the Gauss points being the SIMD
+the Gauss points matter. Slopes at all Gauss points of an element are computed at once, with the Gauss points as SIMD
 lanes. All kernels take real or complex points.
 
 Regularisation
 --------------
-Measures of elements that real meshes hold flat or folded are kept positive: regularised at t_0, a number t stays what
-it is from t_0 up, and levels off at t_0 / 2 below, with two continuous derivatives::
+Measures of elements that are flat or folded in real meshes are kept positive. Regularised at t_0, a number t stays
+unchanged from t_0 up, and levels off at t_0 / 2 below, with two continuous derivatives::
 
     t                                           t >= t_0
     t_0 / 2 (1 + 1 / (1 + z + z^2))             t <  t_0,   z = 2 (1 - t / t_0)
@@ -54,7 +54,7 @@ FLAT_CORNER = 0.01
 """Number t_0 for the triple product of unit edges at a corner: 0.6 degrees from flat."""
 
 FLAT_ELEMENT = 0.05
-"""The same of Jacobian over lengths of slopes, and of volume over lengths of edges: 3 degrees from flat."""
+"""The same for Jacobian over lengths of slopes, and volume over lengths of edges: 3 degrees from flat."""
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
@@ -68,7 +68,7 @@ def regularised(t, t_0):
 
 @njit(cache=True, error_model="numpy")
 def regularised_array(values, t_0):
-    """Regularise an array: numbers and their derivatives, both of its shape."""
+    """Regularise an array: numbers and their derivatives, both with its shape."""
     numbers, slopes = np.empty_like(values), np.empty_like(values)
     for index in np.ndindex(values.shape):
         numbers[index], slopes[index] = regularised(values[index], t_0)
@@ -107,10 +107,10 @@ _WEIGHTS = _edge_weights()
 SLOPES = _corner_slopes()
 
 _TINY = 1e-290
-"""Added to squares of lengths: an edge without length has a slope of 0 and no infinite inverse."""
+"""Added to squares of lengths: an edge without length has a slope of 0 and a finite inverse."""
 
 FAST = {"contract", "nsz", "reassoc"}
-"""Flags of the element kernels: sums in any order, so that they vectorise; infinities and NaN stay what they are."""
+"""Flags of the element kernels: sums in any order, to vectorise; infinities and NaN are preserved."""
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
@@ -159,10 +159,8 @@ def adjugate_vjp(f, bar):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def divisor_of(f, a, sign):
-    """Positive divisor, the size of J in valid elements, and its derivatives with respect to J and the logs of f_i^2.
-
-    It is the product of the lengths of the f_i times the regularised triple product of the unit slopes.
-    """
+    """Positive divisor, equal to |J| in valid elements, and its derivatives with respect to J and the logs of f_i^2."""
+    # It is the product of the lengths of the f_i times the regularised triple product of the unit slopes.
     jacobian = sign * dot(f[0], a[0])
     lengths = np.sqrt(dot(f[0], f[0]) * dot(f[1], f[1]) * dot(f[2], f[2]) + _TINY)
     flatness = jacobian / lengths
@@ -214,7 +212,7 @@ def slopes_of(values, element, slopes):
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def slopes_of_sum(parts, element, slopes):
-    """Slopes of the sum of fields, shape (n_parts, n_points, 3): each is as exact as the differences of its parts."""
+    """Slopes of the sum of fields, shape (n_parts, n_points, 3), as exact as the differences of the parts."""
     slopes_of(parts[0], element, slopes)
     for part in range(1, len(parts)):
         for i in range(3):
@@ -262,7 +260,7 @@ def add_slopes_transposed(slopes, element, values):
 @njit(cache=True)
 def add_slopes_transposed_to_sum(slopes, element, parts):
     """Transpose of `slopes_of`, added to a sum of parts, shape (n_parts, n_points, 3)."""
-    # To two parts it is added without rounding: the pulls of an edge on its ends cancel however large they are.
+    # It is added to two parts without rounding: the pulls of an edge on its ends cancel however large they are.
     if len(parts) == 1:
         add_slopes_transposed(slopes, element, parts[0])
         return
@@ -277,7 +275,7 @@ def add_slopes_transposed_to_sum(slopes, element, parts):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def _pull(slopes, i, edge, d):
-    """Component of the transposed slopes that an edge along direction i has at its far end."""
+    """Component of the transposed slopes at the far end of an edge along direction i."""
     total = slopes[i, d, 0] * _WEIGHTS[i, edge, 0]
     for g in range(1, 8):
         total += slopes[i, d, g] * _WEIGHTS[i, edge, g]
@@ -298,10 +296,8 @@ def add_at_corners(elements, values, n_points):
 
 @njit(cache=True)
 def add_exactly(parts, point, d, value):
-    """Add a number to a component of a point, a sum of two parts: what rounding takes of the first goes to the second.
-
-    Parts are of shape (2, n_points, 3). Compiled without leave to change the order of the sums.
-    """
+    """Add a number to a component of a point, a sum of two parts: the second takes the rounding error of the first."""
+    # Parts have shape (2, n_points, 3). Compiled without permission to reorder sums.
     before = parts[0, point, d]
     total = before + value
     of_value = total - before
@@ -312,7 +308,7 @@ def add_exactly(parts, point, d, value):
 @njit(cache=True)
 def add_element(
     stiffness: np.ndarray,  # (8, 8, 3, 3), blocks (a, b) of corners b <= a
-    rows: np.ndarray,  # (8,) of int, block row of every corner, -1 where it has none
+    rows: np.ndarray,  # (8,) of int, block row of every corner, -1 for none
     slots: np.ndarray,  # (36,) of int, place of every pair of corners, see `bspline_mdao.base.sparse.blocks.slots`
     data: np.ndarray,  # (n_blocks, 3, 3), blocks of the lower triangle, added to
 ) -> None:
@@ -326,7 +322,7 @@ def add_element(
                 for c in range(3):
                     for d in range(3):
                         data[place, c, d] += stiffness[a, b, c, d]
-            if rows[a] < rows[b] or (rows[a] == rows[b] and a > b):  # above it, or two corners are one point
+            if rows[a] < rows[b] or (rows[a] == rows[b] and a > b):  # above the diagonal, or two corners coincide
                 for c in range(3):
                     for d in range(3):
                         data[place, c, d] += stiffness[a, b, d, c]

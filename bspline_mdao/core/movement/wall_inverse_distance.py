@@ -1,12 +1,12 @@
-"""Inverse distances with rotations, on all nodes of a grid: the method of most other tools, to compare with.
+"""Inverse distances with rotations, on all nodes of a grid: the method of most other tools, for comparison.
 
-The nodes of the walls alone move the others, each by its displacement and its rotation:
+Only the nodes of the walls move the others, each by its displacement and its rotation:
 ``x_new = sum_i w_i (x_i_new + R_i (x - x_i)) / sum_i w_i`` with ``w_i = A_i (L / r)^3 (1 + reach^5 (L / r)^2)``, where
-``r`` is the distance from the wall node, ``A_i`` its share of the area and ``L`` the size of the walls. All sums are
+``r`` is the distance from the wall node, ``A_i`` its fraction of the area and ``L`` the size of the walls. All sums are
 direct.
 
 E. Luke, E. Collins and E. Blades, "A fast mesh deformation method using explicit interpolation", Journal of
-Computational Physics 231, 2012, as IDWarp uses it.
+Computational Physics 231, 2012, as implemented in IDWarp.
 
 Theory: ``docs/theory/movers.rst``.
 """
@@ -31,9 +31,9 @@ def move_nodes(nodes: np.ndarray, surface: SurfaceGrid, target: np.ndarray, reac
     surface : SurfaceGrid
         Its walls.
     target : ndarray, shape (surface.n_points, 3)
-        Where the nodes of the walls go (m).
+        New places of the nodes of the walls (m).
     reach : float
-        Part of the size of the walls within which nodes follow the nearest ones; the default is IDWarp's.
+        Distance, relative to the size of the walls, within which nodes follow the nearest wall nodes; IDWarp's default.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def move_nodes(nodes: np.ndarray, surface: SurfaceGrid, target: np.ndarray, reac
     """
     rotations, areas = _rotations(surface, target), _areas(surface)
     centres, moved = surface.points, target
-    for plane in surface.planes:  # what is on the other side of a plane of symmetry counts too
+    for plane in surface.planes:  # mirror images in planes of symmetry count too
         mirror = np.eye(3) - 2.0 * np.outer(plane.normal, plane.normal)
         shift = 2.0 * plane.offset * plane.normal
         centres, moved = (np.concatenate([x, x @ mirror + shift]) for x in (centres, moved))
@@ -67,16 +67,16 @@ def move_nodes(nodes: np.ndarray, surface: SurfaceGrid, target: np.ndarray, reac
 
 
 def _frames(surface: SurfaceGrid, points: np.ndarray) -> np.ndarray:
-    """Two tangents and the normal of every quad, shape (n_quads, 3, 3), as columns, the normal as long as they are."""
+    """Two tangents and a normal of the same length of every quad, shape (n_quads, 3, 3), as columns."""
     a, b, c, d = (points[surface.quads[:, n]] for n in range(4))
     along, across = (b + c - a - d) / 2.0, (c + d - a - b) / 2.0
     normal = np.cross(c - a, d - b) / 2.0
     length = np.sqrt(np.linalg.norm(normal, axis=1, keepdims=True))
-    return np.stack([along, across, normal / np.maximum(length, 1e-300)], axis=2)  # a collapsed quad has none
+    return np.stack([along, across, normal / np.maximum(length, 1e-300)], axis=2)  # a collapsed quad has no normal
 
 
 def _rotations(surface: SurfaceGrid, target: np.ndarray) -> np.ndarray:
-    """Rotations of the nodes of a surface, shape (n, 3, 3): polar factors of the sums of those of their quads."""
+    """Rotations of the nodes of a surface, shape (n, 3, 3): polar factors of the sums over their quads."""
     before, after = _frames(surface, surface.points), _frames(surface, target)
     sums = np.zeros((surface.n_points, 3, 3))
     lengths = np.maximum((before**2).sum(axis=1, keepdims=True), 1e-300)
@@ -88,7 +88,7 @@ def _rotations(surface: SurfaceGrid, target: np.ndarray) -> np.ndarray:
 
 
 def _areas(surface: SurfaceGrid) -> np.ndarray:
-    """Share of the nodes in the area of the surface, shape (n,)."""
+    """Area of the surface that belongs to each node, shape (n,)."""
     areas = np.zeros(surface.n_points)
     a, b, c, d = (surface.points[surface.quads[:, n]] for n in range(4))
     quads = 0.125 * np.linalg.norm(np.cross(c - a, d - b), axis=1)

@@ -2,7 +2,7 @@
 
 Section III.B of the paper, after Eq. (8). Theory: ``docs/theory/elasticity.rst``.
 
-A law is any object with `StiffnessLaw.modulus` and its two derivative products; it is asked with the initial points of
+A law is any object with `StiffnessLaw.modulus` and its two derivative products. Its arguments are the initial points of
 the whole move and the points before the increment. Only ratios of the modulus between elements matter.
 """
 
@@ -51,7 +51,7 @@ class StiffnessLaw(Protocol):
         Parameters
         ----------
         mesh : MovingMesh
-            What is moved; its baseline may decide what is discrete.
+            Mesh to move; its baseline may decide about anything discrete.
         initial, points : ndarray, shape (n_points, 3)
             Points before the whole move and before the increment (m).
         """
@@ -106,7 +106,7 @@ class _CornerLaw(OneLine):
 class OrthogonalityLaw(_CornerLaw):
     """The paper's law, E = Phi / (Phi^(0) V) with Phi = 1 / Q^2 and Q the product of corner triple products (III.B).
 
-    Small elements are stiff, and so are those that have lost orthogonality since the start of the move.
+    Small elements are stiff, and so are elements that have lost orthogonality since the start of the move.
 
     Examples
     --------
@@ -132,7 +132,7 @@ class OrthogonalityLaw(_CornerLaw):
 
 @dataclass(frozen=True)
 class InverseVolumeLaw(_CornerLaw):
-    """E = V^-power Q^-shape: small elements, and optionally ill-shaped ones, are stiff.
+    """E = V^-power Q^-shape: small elements, and optionally badly shaped ones, are stiff.
 
     Parameters
     ----------
@@ -196,12 +196,12 @@ class ConstantLaw(OneLine):
 
 
 NEAR = 1e-6
-"""The wall distance is kept from zero by this part of the mesh's size."""
+"""Fraction of the mesh's size that keeps the wall distance from zero."""
 
 
 @dataclass(frozen=True)
 class WallDistanceLaw(OneLine):
-    """E = d^-power, d from the centre of an element to the surface point that is nearest on the baseline.
+    """E = d^-power, with d from the centre of an element to the surface point that is nearest on the baseline.
 
     Parameters
     ----------
@@ -258,19 +258,19 @@ def _nearest(mesh: MovingMesh) -> np.ndarray:
 
 
 LEAST_ORTHOGONALITY = 1e-5
-"""Number t_0 for Q, which keeps Phi = 1 / Q^2 below 4e10: without that K loses definiteness to round-off."""
+"""Number t_0 for Q, which keeps Phi = 1 / Q^2 below 4e10; otherwise K loses definiteness to round-off."""
 
 
 @dataclass(frozen=True, eq=False)
 class RegularisedMeasures:
-    """Orthogonality and volume of all elements for the stiffness: always positive."""
+    """Orthogonality and volume of all elements for the stiffness, always positive."""
 
-    # Both are given as logarithms, with the gradient of any combination of them with respect to the corners, from which
-    # follow the derivatives in both directions.
+    # Both are given as logarithms. Derivatives in both directions follow from the gradient of any combination of them
+    # with respect to the corners.
 
     mesh: MovingMesh  # its baseline decides which corners are degenerate
     corners: np.ndarray  # (n_elements, 8, 3), points at the corners (m)
-    measures: ElementMeasures  # triple products and volumes as they are
+    measures: ElementMeasures  # triple products and volumes, not regularised
     squares: np.ndarray  # (n_elements, 3), mean squares of the four edges along each direction (m2)
     # (n_elements,), volume over the product of the three lengths: 1 in a box, less in any other element
     fullness: np.ndarray
@@ -328,7 +328,7 @@ def _mean_squares(corners):
 
 @njit(cache=True)
 def _add_length_gradients(corners, factors, gradient):
-    """Add factors, shape (n_elements, 3), times the edges along each direction to the ends of these."""
+    """Add factors, shape (n_elements, 3), times the edges along each direction to the edges' ends."""
     for element in range(len(corners)):
         for direction in range(3):
             for start in range(8):

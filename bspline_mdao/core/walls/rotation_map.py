@@ -7,10 +7,9 @@ of the control points turns every vector by its own rotation, to round-off. Wher
 spans, the rotations are smoothed over their length first (`.rotation_filter`): otherwise they would fold cells there.
 
 - Corners on walls see only the wall, so vectors on it depend only on the control points of the surface. Corners on
-other
-  boundary faces see only these, so nothing turns where they are fixed. Corners in planes of symmetry, and in planes
-  that walls end on and that slide in the same way, see the plane. All others see their neighbours. Smoothing joins
-  corners of one kind. It takes the rotations of walls as given in planes, and the rotations of all faces as given
+  other boundary faces see only these, so nothing turns where they are fixed. Corners in planes of symmetry, and in
+  planes that walls end on and that slide in the same way, see the plane. All others see their neighbours. Smoothing
+  joins corners of one kind. It takes the rotations of walls as given in planes, and the rotations of all faces as given
   inside.
 - On planar boundary faces that are not walls, the part of a vector along the normal follows the face's mean normal, and
   the rest stays in the plane: nodes do not leave a plane if its control points do not. Where corners see only the plane
