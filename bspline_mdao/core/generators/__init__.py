@@ -1,1 +1,1 @@
-"""Wings and grids of them: the twelve-block H-H topology of the paper, and the shapes that wings become."""
+"""Wings and their grids: the twelve-block H-H topology of the paper, and the shapes that wings become."""

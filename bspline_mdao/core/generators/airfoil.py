@@ -1,7 +1,7 @@
-"""Airfoils: outlines of sections through points, of NACA designations and of class and shape functions.
+"""Airfoils: outlines of sections from points, NACA designations, and class and shape functions.
 
-An outline runs from the trailing edge along the upper side to the nose, and back along the lower side, as files of
-Selig's order have it.
+An outline runs from the trailing edge along the upper side to the nose, and back along the lower side, as in files in
+Selig's order.
 
 References
 ----------
@@ -30,20 +30,20 @@ from .wing import Section, naca_thickness
 __all__ = ["Airfoil", "cst_airfoil", "naca_airfoil"]
 
 _SIDE = 201
-"""Points along each side of an outline by formula, dense at both ends."""
+"""Points along each side of an outline from a formula, dense at both ends."""
 
 _OF_SECTION = 401
-"""Points along each side of a section through an outline: its spline is on that of the outline to 1e-9 chords."""
+"""Points along each side of a section from an outline: the two splines agree to 1e-9 chords."""
 
 _NOSE = 0.03
-"""Part of the chord that tells the radius of the nose."""
+"""Fraction of the chord that determines the radius of the nose."""
 
 _SHARP = 1e-9
 """Height of a trailing edge in chords that is rounding."""
 
 _CAMBER = {
-    # of designations whose second and third digit are these: place r of the end of the curved part, and factor k1, at a
-    # design lift of 0.3; of reflexed lines also k2 / k1
+    # by the second and third digit: place r of the end of the curved part, and factor k1, at a design lift of 0.3; for
+    # reflexed lines also k2 / k1
     "10": (0.0580, 361.400), "20": (0.1260, 51.640), "30": (0.2025, 15.957), "40": (0.2900, 6.643),
     "50": (0.3910, 3.230), "21": (0.1300, 51.990, 0.000764), "31": (0.2170, 15.793, 0.00677),
     "41": (0.3180, 6.520, 0.0303), "51": (0.4410, 3.191, 0.1355),
@@ -53,20 +53,20 @@ _CAMBER = {
 
 @dataclass(frozen=True, eq=False)
 class Airfoil(OneLine):
-    """The outline of a section: one cubic spline in chord length through points, also around the nose.
+    """The outline of a section: one cubic spline in chord length through points, including the nose.
 
     Parameters
     ----------
     points : ndarray, shape (n, 2)
-        Points (x, y) from the trailing edge along the upper side around the nose and back along the lower side, in
-        chords as a rule. Where the first and the last one differ, the trailing edge is blunt: the base is between them.
+        Points (x, y) from the trailing edge along the upper side around the nose and back along the lower side, usually
+        in chords. If the first and the last one differ, the trailing edge is blunt, with the base between them.
     name : str
-        What messages call it.
+        Name for messages.
 
     Raises
     ------
     InputError
-        If points are no outline: too few, not finite, duplicated, unordered, open, or with sides that cross.
+        If the points are not an outline: too few, not finite, duplicated, unordered, open, or with crossing sides.
 
     Examples
     --------
@@ -87,17 +87,17 @@ class Airfoil(OneLine):
 
     @property
     def tail(self) -> np.ndarray:
-        """Middle of the trailing edge, shape (2,)."""
+        """Midpoint of the trailing edge, shape (2,)."""
         return 0.5 * (self.points[0] + self.points[-1])
 
     @property
     def nose(self) -> np.ndarray:
-        """Point of the outline that is farthest from the trailing edge, shape (2,); its tangent is across the chord."""
+        """Point of the outline farthest from the trailing edge, shape (2,); its tangent is normal to the chord."""
         return self._curve(self._at_nose)
 
     @property
     def chord(self) -> float:
-        """Distance from the nose to the middle of the trailing edge, in units of the points."""
+        """Distance from the nose to the midpoint of the trailing edge, in units of the points."""
         return float(np.linalg.norm(self.tail - self.nose))
 
     @property
@@ -108,13 +108,13 @@ class Airfoil(OneLine):
 
     @cached_property
     def nose_radius(self) -> float:
-        """Radius of the nose in chords, of squares of the thickness near it: few digits have no second derivative."""
+        """Radius of the nose in chords, from squares of the thickness near it: few digits give no second derivative."""
         upper, lower = self._sides
         x = np.linspace(0.0, _NOSE, 41)[1:]
         half = 0.5 * (np.interp(x, *upper.T) - np.interp(x, *lower.T))
-        terms = np.column_stack([np.ones_like(x), np.sqrt(x), x])  # those of NACA sections and of class functions
+        terms = np.column_stack([np.ones_like(x), np.sqrt(x), x])  # the terms of NACA sections and of class functions
         radius = 0.5 * float(np.linalg.lstsq(terms, half**2 / x, rcond=None)[0][0])
-        return radius if radius > 0.0 else 0.5 * float(half[0] ** 2 / x[0])  # a nose of few points
+        return radius if radius > 0.0 else 0.5 * float(half[0] ** 2 / x[0])  # a nose with few points
 
     @property
     def thickness(self) -> float:
@@ -123,10 +123,10 @@ class Airfoil(OneLine):
 
     @cached_property
     def section(self) -> Section:
-        """The same from (0, 0) at the nose to (1, 0), its trailing edge closed by a wedge.
+        """The same from (0, 0) at the nose to (1, 0), with its trailing edge closed by a wedge.
 
-        The wedge is `base` thick at the trailing edge and nothing at the nose: it moves no point by more than half of
-        the base.
+        The wedge is `base` thick at the trailing edge and zero at the nose: it moves no point by more than half of the
+        base.
         """
         upper, lower = self._sides
         half = 0.5 * (upper[-1] - lower[-1])
@@ -137,24 +137,24 @@ class Airfoil(OneLine):
 
     @property
     def base_of_section(self) -> complex:
-        """What the wedge takes off `section` at the trailing edge: from the lower to the upper corner, in chords."""
+        """Vector that the wedge removes at the trailing edge of `section`, from lower to upper corner, in chords."""
         upper, lower = self._in_chords(self.points[[0, -1]])
         return complex(*(upper - lower)) if self.base else 0.0
 
     def place(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 2) of the plane of `section` as those of the outline."""
+        """Points (..., 2) from the plane of `section` to the outline's plane."""
         along = self.tail - self.nose
         return self.nose + points[..., :1] * along + points[..., 1:] * [-along[1], along[0]]
 
     @cached_property
     def _sides(self) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the upper and the lower side from the nose on, in the plane of `section`; dense at both ends."""
+        """Points of the upper and the lower side from the nose, in the plane of `section`, dense at both ends."""
         dense = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _OF_SECTION)))
         first, last = (self._at_nose + (end - self._at_nose) * dense for end in self._curve.x[[0, -1]])
         return self._in_chords(self._curve(first)), self._in_chords(self._curve(last))
 
     def _in_chords(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 2) of the outline in the plane of `section`."""
+        """Points (..., 2) from the outline's plane to the plane of `section`."""
         along, from_nose = self.tail - self.nose, points - self.nose
         across = np.array([-along[1], along[0]])
         return np.stack([from_nose @ along, from_nose @ across], axis=-1) / (along @ along)
@@ -173,7 +173,7 @@ class Airfoil(OneLine):
         found = minimize_scalar(
             lambda t: -np.sum((self._curve(t) - self.tail) ** 2), bounds=near, method="bounded", options={"xatol": 1e-9}
         ).x
-        for _ in range(2):  # to the last digit, of which a minimum by its values knows half
+        for _ in range(2):  # to the last digit; a minimum from values has only half of the digits
             away, speed, turn = self._curve(found) - self.tail, self._curve(found, 1), self._curve(found, 2)
             found -= (away @ speed) / (speed @ speed + away @ turn)
         return float(np.clip(found, *near))
@@ -185,15 +185,15 @@ def naca_airfoil(digits: str, blunt: bool = False) -> Airfoil:
     Parameters
     ----------
     digits : str
-        Such as ``"2412"``; with five digits, the third one is 0, or 1 for a reflexed camber line.
+        Digits such as ``"2412"``. With five digits, the third one is 0, or 1 for a reflexed camber line.
     blunt : bool
-        Leave the trailing edge open as in the definition, a fiftieth of the thickness; by default it is closed by the
-        last coefficient, as `naca_section` does it.
+        Keep the trailing edge open as in the definition, a fiftieth of the thickness. By default the last coefficient
+        closes it, as in `naca_section`.
 
     Returns
     -------
     Airfoil
-        The thickness is laid off across the camber line; the camber line begins at (0, 0) and ends at (1, 0).
+        The thickness is added normal to the camber line, which begins at (0, 0) and ends at (1, 0).
 
     Raises
     ------
@@ -224,13 +224,13 @@ def naca_airfoil(digits: str, blunt: bool = False) -> Airfoil:
 
 
 def cst_airfoil(upper: Sequence[float], lower: Sequence[float], base: float = 0.0) -> Airfoil:
-    """Make the outline of class and shape functions with a round nose: Kulfan's of exponents 1/2 and 1.
+    """Make the outline of class and shape functions with a round nose: Kulfan's with exponents 1/2 and 1.
 
     Parameters
     ----------
     upper, lower : sequence of float
-        Coefficients of Bernstein's polynomials from the nose to the trailing edge, those of the lower side negative as
-        a rule; as many as wanted on either side.
+        Coefficients of Bernstein polynomials from the nose to the trailing edge, usually negative for the lower side;
+        any number for either side.
     base : float
         Height of the trailing edge in chords.
 
@@ -265,7 +265,7 @@ def cst_airfoil(upper: Sequence[float], lower: Sequence[float], base: float = 0.
 
 
 def _around(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Outline of two sides (n, 2) that begin at one nose."""
+    """Outline of two sides (n, 2) that begin at the same nose."""
     return np.concatenate([upper[::-1], lower[1:]])
 
 

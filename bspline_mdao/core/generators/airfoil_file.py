@@ -19,29 +19,29 @@ __all__ = ["airfoil", "read_airfoil"]
 _NACA = re.compile(r"naca[ _-]?(.*)", re.ASCII | re.IGNORECASE)
 
 _LARGEST = 10_000_000
-"""Bytes of a file at most."""
+"""Most bytes of a file."""
 
 _JUMP = 0.75
-"""Step between points, by the length of all, with which the other side begins."""
+"""Step between points, relative to the total length, that begins the other side."""
 
 _NEAR = 0.05
-"""Part of the length within which points are at the trailing edge."""
+"""Fraction of the length within which points are at the trailing edge."""
 
 _BASE, _STRAIGHT = 0.01, np.sqrt(0.75)
-"""Longest step on half of a base, by the length of all, and cosine of the angle by which sides turn at most."""
+"""Longest step on half of a base, relative to the total length, and cosine of the largest turn of sides."""
 
 
 def airfoil(name: str | PathLike, blunt: bool = False) -> Airfoil:
-    """Make the airfoil of a name: NACA digits, coefficients of class and shape functions, or a file.
+    """Make an airfoil from a name: NACA digits, coefficients of class and shape functions, or a file.
 
     Parameters
     ----------
     name : str or path-like
         ``naca2412`` or ``naca23012``; ``cst:0.17,0.16,0.15/-0.17,-0.1,-0.15``, the coefficients of the upper and of the
-        lower side from the nose on, and ``/0.002`` behind them for a blunt trailing edge of that height; or a file, see
+        lower side from the nose on, followed by ``/0.002`` for a blunt trailing edge of that height; or a file, see
         `read_airfoil`.
     blunt : bool
-        Leave the trailing edge of NACA sections open as in their definition; others are as they are given.
+        Keep the trailing edge of NACA sections open as in their definition; others are as given.
 
     Returns
     -------
@@ -69,28 +69,28 @@ def airfoil(name: str | PathLike, blunt: bool = False) -> Airfoil:
 
 
 def read_airfoil(path: str | PathLike, symmetric: bool = False) -> Airfoil:
-    r"""Read an airfoil of a file with two columns, x and y.
+    r"""Read an airfoil from a file with two columns, x and y.
 
     Parameters
     ----------
     path : path-like
         File. Points run around the section from the trailing edge, either side first (Selig), or along one side and
-        along the other (Lednicer, with or without the line of counts). Lines of words are titles or remarks, also one
-        of digits ahead of the points, and ``#`` and ``!`` begin comments; blanks, tabs, commas and semicolons separate.
-        The unit is any: percent of the chord, millimetres.
+        then along the other (Lednicer, with or without the line of counts). Lines of words are titles or remarks, and
+        so is a line of digits before the points; ``#`` and ``!`` begin comments. Blanks, tabs, commas and semicolons
+        separate. Any unit will do: percent of the chord, millimetres.
     symmetric : bool
-        The file has one side of a symmetric section.
+        The file has only one side of a symmetric section.
 
     Returns
     -------
     Airfoil
-        Its outline as the file has it. A trailing edge is blunt where its two corners differ; points of the base
-        between them are left out.
+        Its outline as in the file. A trailing edge is blunt if its two corners differ; points of the base between them
+        are left out.
 
     Raises
     ------
     InputError
-        If the file has no outline; the line is named.
+        If the file has no outline; the message names the line.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def _of_coefficients(text: str) -> Airfoil:
 
 
 def _rows(path: Path) -> tuple[list[_Row], tuple[int, int] | None]:
-    """Lines with points, and how many each side has where the file says so."""
+    """Lines with points, and how many each side has if the file says so."""
     try:
         size = path.stat().st_size
         data = path.read_bytes() if size <= _LARGEST else b"\0"
@@ -175,7 +175,7 @@ def _rows(path: Path) -> tuple[list[_Row], tuple[int, int] | None]:
 
 
 def _number(word: str) -> float | None:
-    """Number that a word is, also with the exponent of Fortran; None where it is none."""
+    """Number in a word, also with a Fortran exponent; None if it is not a number."""
     try:
         return float(re.sub(r"(?<=[\d.])[dD](?=[-+\d])", "e", word))
     except ValueError:
@@ -183,14 +183,14 @@ def _number(word: str) -> float | None:
 
 
 def _plane(rows: Sequence[_Row], path: Path) -> list[_Row]:
-    """Rows of points in space that are in one plane, without their third column."""
+    """Rows of points in space without their third column, which must be constant."""
     if len({row.values[2] for row in rows}) > 1:
         raise InputError(f"{path}: line {rows[0].line}: has three columns, and the third one varies; give x and y")
     return [_Row(row.line, row.text, row.values[:2]) for row in rows]
 
 
 def _without_counts(rows: list[_Row], path: Path) -> tuple[list[_Row], tuple[int, int] | None]:
-    """Take the line of counts, or a title of two numbers, off the points."""
+    """Remove the line of counts, or a title of two numbers, from the points."""
     first, rest = rows[0], rows[1:]
     counts = tuple(int(value) if np.isfinite(value) else 0 for value in first.values)
     if counts == first.values and min(counts) > 1 and sum(counts) == len(rest):
@@ -219,7 +219,7 @@ def _around(points: np.ndarray, counts: tuple[int, int] | None) -> np.ndarray:
         order = np.concatenate([first[::-1], second])
     else:
         order = _from_tail(points, order, size)
-    nose = points[:, 0].min() + 1e-3 * size  # where both sides of a file have the nose, or it is there twice
+    nose = points[:, 0].min() + 1e-3 * size  # where both sides of a file have the nose, or it occurs twice
     is_again = (np.diff(points[order], axis=0) == 0.0).all(axis=1) & (points[order[1:], 0] < nose)
     order = order[np.append(True, ~is_again)]
     order = _without_base(points, _without_base(points, order, size)[::-1], size)[::-1]
@@ -229,7 +229,7 @@ def _around(points: np.ndarray, counts: tuple[int, int] | None) -> np.ndarray:
 
 
 def _from_tail(points: np.ndarray, order: np.ndarray, size: float) -> np.ndarray:
-    """Order of a closed line from the trailing edge on, wherever it begins."""
+    """Order of a closed line from the trailing edge, wherever it begins."""
     x = points[:, 0]
     is_closed = len(points) > 2 and np.linalg.norm(points[0] - points[-1]) < _NEAR * size
     if not is_closed or x[[0, -1]].min() > x.max() - _NEAR * size:
@@ -241,7 +241,7 @@ def _from_tail(points: np.ndarray, order: np.ndarray, size: float) -> np.ndarray
 
 
 def _without_base(points: np.ndarray, order: np.ndarray, size: float) -> np.ndarray:
-    """Order without points at its beginning that are on the base of a blunt trailing edge."""
+    """Order without the points at its beginning that are on the base of a blunt trailing edge."""
     for _ in range(len(order) - 2):
         first, second = np.diff(points[order[:3]], axis=0)
         lengths = np.linalg.norm(first), np.linalg.norm(second)
@@ -252,7 +252,7 @@ def _without_base(points: np.ndarray, order: np.ndarray, size: float) -> np.ndar
 
 
 def _mirrored(order: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Order and points of a symmetric section of which a file has one side."""
+    """Order and points of a symmetric section whose file has one side."""
     n = len(points)
     order = order if points[order[0], 0] > points[order[-1], 0] else order[::-1]
     sides = np.concatenate([points * [1.0, np.sign(points[:, 1].sum()) or 1.0], points * [1.0, 0.0]])

@@ -1,4 +1,4 @@
-"""O- and C-grids about airfoils by their names, without or with layers of flat cells at the wall."""
+"""O- and C-grids about named airfoils, with or without layers of flat cells at the wall."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ TOPOLOGIES = "O", "C"
 """Around the airfoil, or around it and along its wake."""
 
 BASES = "wall", "closed"
-"""What a blunt trailing edge becomes."""
+"""Treatments of a blunt trailing edge."""
 
 GROWTH = 1.15
-"""Of the heights of cells from the wall outward, where first cells are low and their number is left out."""
+"""Growth of the heights of cells from the wall outward, if first cells are low and their number is not given."""
 
 FAR = 50.0
-"""Radius of the outer boundary in chords, by default: a lift of 0.5 changes the angle there by a tenth of a degree."""
+"""Default radius of the outer boundary in chords: a lift of 0.5 changes the angle there by a tenth of a degree."""
 
 N_AROUND, N_AWAY = 128, 48
-"""Cells around and away, by default: a flow takes seconds."""
+"""Default cells around and away: a flow takes seconds."""
 
 SQUARE = 0.5
-"""Height of the first cells by a chord over the cells around, by default: those of a conformal grid grow threefold at
-a sharp trailing edge, where splines then fold."""
+"""Default height of the first cells, relative to the chord over the cells around: the cells of a conformal grid grow
+threefold at a sharp trailing edge, where splines then fold."""
 
 _AS_IT_IS = 0.01
-"""Part of the chord by which nose and trailing edge may be off (0, 0) and (1, 0) in a file of unit chord."""
+"""Fraction of the chord by which nose and trailing edge may be off (0, 0) and (1, 0) in a file of unit chord."""
 
 
 def airfoil_grid(
@@ -63,39 +63,39 @@ def airfoil_grid(
     n_around : int
         Cells around the airfoil, an even number of 8 or more.
     n_away : int, optional
-        Cells from the airfoil to the outer boundary; 48 by default, and with a height of the first cells as many as
-        grow by 15 % from it.
+        Cells from the airfoil to the outer boundary; 48 by default, or with a given height of the first cells as many
+        as a growth of 15 % from it takes.
     far : float
-        Radius of the outer boundary in chords; of a C-grid its distance upstream and along the wake, above and below it
-        is twice as far.
+        Radius of the outer boundary in chords. For a C-grid it is the distance upstream and along the wake; above and
+        below it is twice as far.
     chord : float
-        Length of the chord (m): what is 1 in a file of unit chord. Other files are scaled, and moved to have the nose
-        at (0, 0); none is turned.
+        Length of the chord (m), which is 1 in a file of unit chord. Other files are scaled, and moved so that the nose
+        is at (0, 0); none is rotated.
     first_cell : float, optional
-        Height of the first cells (m), for boundary layers; by default half of the chord over the cells around.
+        Height of the first cells (m), for boundary layers; by default half of the chord divided by the cells around.
     y_plus : float, optional
-        Height of the first cells in viscous units instead, estimated by the turbulent boundary layer at the end of a
-        flat plate of that chord (F. M. White, *Fluid Mechanics*, 7th ed., 2011, section 7.4).
+        Height of the first cells in viscous units instead, estimated from the turbulent boundary layer at the end of a
+        flat plate of this chord (F. M. White, *Fluid Mechanics*, 7th ed., 2011, section 7.4).
     reynolds : float, optional
-        Reynolds number of the chord, for `y_plus`.
+        Chord Reynolds number, for `y_plus`.
     topology : str
         ``"O"``: around the airfoil; ``"C"``: around it and along a cut behind it, which leaves the trailing edge along
         the bisector of its corner. First cells at the cut become higher behind the trailing edge.
     n_wake : int, optional
-        Cells along the cut of a C-grid; by default as many as grow by 15 % from those of the wall.
+        Cells along the cut of a C-grid; by default as many as a growth of 15 % from the wall's cells takes.
     base : str, optional
-        Of a blunt trailing edge: ``"wall"`` keeps its base as a wall with a block behind it, which C-grids do by
-        default, also of NACA sections, whose definition is blunt, when it is asked for; ``"closed"`` takes a wedge off
-        the thickness, see `Airfoil.section`, which O-grids do.
+        Treatment of a blunt trailing edge. ``"wall"`` keeps its base as a wall with a block behind it, the default of
+        C-grids; on request also for NACA sections, whose definition is blunt. ``"closed"`` removes a wedge from the
+        thickness, see `Airfoil.section`, the default of O-grids.
 
     Returns
     -------
     Grid
-        Right-handed blocks a chord deep, with the patches ``airfoil``, ``farfield`` and ``symmetry``. The airfoil is in
-        the plane of x and y. An O-grid is one block of ``n_around + 1``, ``n_away + 1`` and 2 nodes; i runs from the
+        Right-handed blocks one chord deep, with the patches ``airfoil``, ``farfield`` and ``symmetry``. The airfoil is
+        in the plane of x and y. An O-grid is one block of ``n_around + 1``, ``n_away + 1`` and 2 nodes; i runs from the
         trailing edge along the lower side to the nose and back along the upper side. A C-grid has such a block between
-        one below and one above the cut, whose i runs to and from the trailing edge, and behind a base a fourth one; the
-        base is a patch of its own, ``base``.
+        a block below and a block above the cut, whose i runs to and from the trailing edge, and a fourth one behind a
+        base. The base is a separate patch, ``base``.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def airfoil_grid(
 
 
 def unit_of(section: Airfoil) -> tuple[float, np.ndarray]:
-    """Length that is a chord in the coordinates of an outline, and where their origin is then, shape (2,)."""
+    """Length of a chord in the coordinates of an outline, and the place of their origin, shape (2,)."""
     off = np.abs([section.nose, section.tail - [1.0, 0.0]]).max()
     return (1.0, np.zeros(2)) if off < _AS_IT_IS else (section.chord, section.nose)
 

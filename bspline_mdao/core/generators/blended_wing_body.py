@@ -1,15 +1,15 @@
 """Blended-wing bodies from ribs: a thick centre body, outer wings and winglets in one surface.
 
 A rib is a section at a distance along the developed span, the *spine*. The spine starts at right angles to the symmetry
-plane z = 0 and turns upwards by the cant of the ribs, so that a winglet is the outer wing gone on::
+plane z = 0 and turns upwards by the cant of the ribs, so a winglet is a continuation of the outer wing::
 
       y
       |                                  /   <- winglet, cant 75 deg
       |                                 /
       |______________________________.-'
-      +--- rib --------- rib ------------- z      each rib stands at right angles to the spine
+      +--- rib --------- rib ------------- z      each rib is at right angles to the spine
 
-Between ribs all of leading edge, chord, twist, cant and section change linearly along the spine, the corners rounded.
+Between ribs leading edge, chord, twist, cant and section change linearly along the spine, with rounded corners.
 
 Theory: ``docs/theory/generators.rst``.
 """
@@ -28,10 +28,10 @@ from .tips import tip_clustered, tip_rounding
 from .wing import Section, cambered_section
 
 _STATIONS = 160
-"""Places along the spine at which the surface is sampled before nodes are laid on it."""
+"""Places along the spine at which the surface is sampled before nodes are placed on it."""
 
 _SPINE_SAMPLES = 2001
-"""Places at which the cant is sampled to integrate the spine; its ends are then good to 1e-9 of its length."""
+"""Places at which the cant is sampled to integrate the spine; its ends are then accurate to 1e-9 of its length."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class Rib(OneLine):
     section : Section
         Shape of the section in chords.
     twist : float
-        Turn about the leading edge (deg), nose up positive.
+        Rotation about the leading edge (deg), nose up positive.
     cant : float
-        Turn of the spine out of the horizontal (deg), upwards positive.
+        Angle of the spine to the horizontal (deg), upwards positive.
 
     Examples
     --------
@@ -75,12 +75,12 @@ class BlendedWingBody(OneLine):
     Parameters
     ----------
     ribs : tuple of Rib
-        From the symmetry plane outwards, two at least; the first has no cant.
+        From the symmetry plane outwards, at least two; the first has no cant.
     blend : float
-        Half-width within which a corner between two spans is rounded, as a part of the shorter of them; up to 1. The
-        leading and trailing edge have a corner in the symmetry plane too.
+        Half-width within which a corner between two spans is rounded, as a fraction of the shorter of them, up to 1.
+        The leading and trailing edge also have a corner in the symmetry plane.
     tip_length : float, optional
-        Length of spine over which the tip is rounded (m), as that of a `Wing`; twice the thickness there by default.
+        Length of spine over which the tip is rounded (m), as for a `Wing`; twice the thickness there by default.
 
     Raises
     ------
@@ -159,7 +159,7 @@ class BlendedWingBody(OneLine):
         return np.stack([leading_edge + x * cos + y * sin, y * cos - x * sin], axis=-1)
 
     def place(self, sections: np.ndarray) -> np.ndarray:
-        """Points in space, shape (n_stations, n, 3), of points of all sections, shape (n_stations, n, 2)."""
+        """Points in space, shape (n_stations, n, 3), from points of all sections, shape (n_stations, n, 2)."""
         x, height = np.moveaxis(sections, 2, 0)
         spine, cant = self._spine, self._cant(self.stations)[:, None]
         return np.stack([x, spine[:, :1] + height * np.cos(cant), spine[:, 1:] - height * np.sin(cant)], axis=-1)
@@ -172,7 +172,7 @@ class BlendedWingBody(OneLine):
         return CubicSpline(at, np.stack([np.sin(cant), np.cos(cant)], axis=1)).antiderivative()(self.stations)
 
     def _cant(self, at: np.ndarray) -> np.ndarray:
-        """Cant (rad); that of the other half is its opposite, which leaves no corner in the symmetry plane."""
+        """Cant (rad); the other half has the opposite cant, which leaves no corner in the symmetry plane."""
         return np.radians(self._weights(at, is_mirrored=False) @ self._values("cant"))
 
     def _weights(self, at: np.ndarray, is_mirrored: bool) -> np.ndarray:
@@ -184,7 +184,7 @@ class BlendedWingBody(OneLine):
 
 
 def generic_blended_wing_body() -> BlendedWingBody:
-    """Make a blended-wing body with winglets for the flat plate of chord 1 and semi-span 2 to become.
+    """Make a blended-wing body with winglets, a target shape for the flat plate of chord 1 and semi-span 2.
 
     Returns
     -------
@@ -214,8 +214,8 @@ def generic_blended_wing_body() -> BlendedWingBody:
 
 def corner_widths(
     stations: np.ndarray,  # (n,), ascending from 0
-    fraction: float,  # half-width of a corner as a part of the shorter of the two lines that meet there, up to 1
-    is_mirrored: bool,  # whether the values go on beyond 0 as in a mirror, so that they have a corner there
+    fraction: float,  # half-width of a corner as a fraction of the shorter of the two lines that meet there, up to 1
+    is_mirrored: bool,  # whether the values continue beyond 0 as in a mirror, with a corner there
 ) -> np.ndarray:
     """Half-widths, shape (n,), within which the corners at stations (n,) are rounded."""
     lines = np.diff(stations)
@@ -224,11 +224,11 @@ def corner_widths(
 
 
 def rounded_weights(
-    at: np.ndarray,  # (m,), where the polygon is wanted, within the stations
-    # where the values are given and the half-widths of the corners there, the first of which is mirrored
+    at: np.ndarray,  # (m,), places of the result, within the stations
+    # places of the given values and half-widths of the corners there, the first of which is mirrored
     stations: np.ndarray,  # (n,)
     widths: np.ndarray,  # (n,)
-) -> np.ndarray:  # (m, n), rows sum to one. Values change linearly, and exactly so outside the corners
+) -> np.ndarray:  # (m, n), rows sum to one; outside the corners values change exactly linearly
     """Weights of the values at stations in the rounded polygon through them.
 
     Examples

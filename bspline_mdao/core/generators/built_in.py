@@ -1,6 +1,6 @@
-"""Built-in grids by name: where their generators are, and how large they are.
+"""Built-in grids by name: the place of their generators, and their sizes.
 
-Help and studies name them, and should not wait for NumPy: what makes grids is imported when one is made.
+Help and studies name them, and should not wait for NumPy: generators are imported only when a grid is made.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ BUILT_IN = {
 """Place of the generator, and nodes per block, of each built-in grid, half of the paper's."""
 
 MOST_NODES = 2_000_000
-"""Nodes per block of a built-in grid that memory is sure to hold."""
+"""Nodes per block of a built-in grid that certainly fit into memory."""
 
 
 def generator_of(grid_name: str) -> tuple[str, tuple[int, int, int]]:

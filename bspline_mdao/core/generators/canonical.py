@@ -1,4 +1,4 @@
-"""The paper's examples (section IV): grids about the ONERA M6 wing and a flat plate, and what the M6 becomes.
+"""The paper's examples (section IV): grids about the ONERA M6 wing and a flat plate, and target shapes for the M6.
 
 Theory: ``docs/theory/generators.rst``.
 
@@ -45,7 +45,7 @@ ONERA_D_UPPER = np.array(
 """Upper half of the section, shape (72, 2), from the leading edge; half the trailing edge is 0.0007052 thick."""
 
 _NOSE_RADIUS = 0.0145
-"""Of the section, in chords: z^2 / 2 x of the first published points."""
+"""Nose radius of the section in chords: z^2 / 2 x of the first published points."""
 
 
 def onera_m6_grid(
@@ -57,8 +57,8 @@ def onera_m6_grid(
     ----------
     shape : tuple
         Nodes per block along the stream, away from the wing and along the span; see `hh_wing_grid`.
-    spacing : Spacing, optional
-        The paper's by default (0.001 off the wall, at the leading edge, the trailing edge and the tip), wider in
+    By default the paper's (0.001 off the wall, at the leading edge, the trailing edge and the tip), wider in
+    proportion on coarser grids.
         proportion on coarser grids.
     far_field : FarField, optional
         Outer boundary, 10 root chords away by default.
@@ -79,7 +79,7 @@ def onera_m6_grid(
 
 @cache
 def _onera_m6() -> Wing:
-    """The wing of the paper, kept with the arc lengths of its sections."""
+    """The wing of the paper, cached with the arc lengths of its sections."""
     return Wing(onera_m6_planform(), onera_d_section())
 
 
@@ -93,7 +93,7 @@ def flat_plate_grid(
     shape : tuple
         Nodes per block along the stream, away from the wing and along the span; see `hh_wing_grid`.
     spacing : Spacing, optional
-        The paper's by default (0.001 off the wall, 0.005 at the leading edge, the trailing edge and the tip), wider in
+        By default the paper's (0.001 off the wall, 0.005 at the leading edge, the trailing edge and the tip), wider in
         proportion on coarser grids.
     far_field : FarField, optional
         Outer boundary, 10 chords away by default.
@@ -120,8 +120,8 @@ def rectangular_wing() -> Wing:
     Returns
     -------
     Wing
-        Rectangular, of NACA 0012 sections and chord 0.49664, the leading edge at x = 0. The span stays that of the M6,
-        which makes the semi-span 2.989 chords: the move is one of sweep, scale and section.
+        Rectangular, with NACA 0012 sections and chord 0.49664, the leading edge at x = 0. The span is the M6's, which
+        makes the semi-span 2.989 chords: the move changes sweep, scale and section.
 
     Examples
     --------
@@ -138,8 +138,8 @@ def onera_d_section() -> Section:
     Returns
     -------
     Section
-        The published half-thickness less ``0.0007052 x``. The wedge takes the blunt trailing edge to a point without
-        touching the nose, and moves no point of the section by more than 0.07 % of the chord.
+        The published half-thickness less ``0.0007052 x``. The wedge closes the blunt trailing edge to a point without
+        changing the nose, and moves no point of the section by more than 0.07 % of the chord.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""Conformal mapping of the outside of a section to that of a circle.
+"""Conformal mapping of the exterior of a section to the exterior of a circle.
 
-The mapping of Kármán and Trefftz takes the corner at the trailing edge away and leaves a near-circle, which the
-iteration of Theodorsen maps to a circle.
+The mapping of Kármán and Trefftz removes the corner at the trailing edge and leaves a near-circle, which the iteration
+of Theodorsen maps to a circle.
 
 References
 ----------
@@ -24,14 +24,14 @@ _SAMPLES = 1025
 """Points along each side of the section, dense at both ends."""
 
 _MODES = 1024
-"""At least as many points of the circle take part in the iteration, several for each node."""
+"""Least number of points of the circle in the iteration, several for each node."""
 
 _STEPS, _TOLERANCE = 500, 1e-13
-"""At most as many steps, until angles (rad) change by less."""
+"""Most steps of the iteration, and change of angles (rad) at which it ends."""
 
 
 class CircleMapping:
-    """The outside of a section of unit chord by that of the unit circle; the trailing edge is at 1 there."""
+    """The exterior of a section of unit chord mapped from the exterior of the unit circle, trailing edge at 1."""
 
     def __init__(self, section: Section, n_around: int):  # n_around: nodes of rings, at equal angles
         around, angle = _outline(section)
@@ -40,15 +40,15 @@ class CircleMapping:
 
     @property
     def radius(self) -> float:
-        """Radius of the circle (chords): far away, points are as many times those about the unit circle."""
+        """Radius of the circle (chords): the scale, far away, of points about the unit circle."""
         return self._circle.radius
 
     def ring(self, radius: float) -> np.ndarray:
-        """Points (n_around,) about the section of those at equal angles on a circle."""
+        """Points (n_around,) about the section from points at equal angles on a circle."""
         return self._corner.restore(self._circle.ring(radius))
 
     def points(self, outside: np.ndarray) -> np.ndarray:
-        """Points about the section of complex ones outside the unit circle."""
+        """Points about the section from complex points outside the unit circle."""
         return self._corner.restore(self._circle.points(outside))
 
 
@@ -62,36 +62,36 @@ def _outline(section: Section) -> tuple[np.ndarray, float]:
 
 
 def _direction(points: np.ndarray) -> complex:
-    """Tangent at the first of some points whose distances from it are as the squares of 0, 1, 2: of second order."""
+    """Second-order tangent at the first of some points whose distances from it are as the squares of 0, 1, 2."""
     first, second = np.diff(points[:3])
     return first * (first * abs(second) / (second * abs(first))) ** 0.25
 
 
 class _Corner:
-    """Mapping of Kármán and Trefftz between the plane of the section and that of the near-circle."""
+    """Mapping of Kármán and Trefftz between the plane of the section and the plane of the near-circle."""
 
     def __init__(self, inside: float, power: float):
         middle, half = 0.5 * (TRAILING_EDGE + inside), 0.5 * (TRAILING_EDGE - inside)
         self.power, self.here = power, (TRAILING_EDGE, inside)
-        self.there = (middle + half / power, middle - half / power)  # alike at infinity, but for a shift
+        self.there = (middle + half / power, middle - half / power)  # the identity at infinity, up to a shift
 
     def flatten(self, outline: np.ndarray) -> np.ndarray:
-        """Points of the near-circle of those around the section."""
+        """Points of the near-circle from points around the section."""
         ratio = (outline[1:-1] - self.here[0]) / (outline[1:-1] - self.here[1])
         turns = np.unwrap(np.angle(ratio))
-        turns += 2.0 * np.pi * np.round(0.5 - 0.5 * turns[0] / np.pi)  # from pi, also where the upper side begins below
+        turns += 2.0 * np.pi * np.round(0.5 - 0.5 * turns[0] / np.pi)  # from pi, also if the upper side begins below
         root = np.exp((np.log(np.abs(ratio)) + 1j * turns) / self.power)
         root = np.concatenate([[0.0], root, [0.0]])
         return (self.there[0] - self.there[1] * root) / (1.0 - root)
 
     def restore(self, points: np.ndarray) -> np.ndarray:
-        """Points about the section of those about the near-circle."""
+        """Points about the section from points about the near-circle."""
         ratio = ((points - self.there[0]) / (points - self.there[1])) ** self.power
         return (self.here[0] - self.here[1] * ratio) / (1.0 - ratio)
 
 
 class _Circle:
-    """Mapping of Theodorsen between the outside of the near-circle, counterclockwise, and that of a circle."""
+    """Mapping of Theodorsen between the exteriors of the near-circle, counterclockwise, and of a circle."""
 
     def __init__(self, outline: np.ndarray, n_around: int):
         self.stride = max(4, -(-_MODES // n_around))
@@ -109,7 +109,7 @@ class _Circle:
         spline = CubicSpline(turns, np.log(radii), bc_type="periodic")
         at, change = self.angles + turns[0], np.inf
         for _ in range(_STEPS):
-            self.modes = np.conj(np.fft.rfft(spline(at))) / n  # of exp(-i k angle): what is analytic outside
+            self.modes = np.conj(np.fft.rfft(spline(at))) / n  # of exp(-i k angle): the part that is analytic outside
             self.modes[1:] *= 2.0
             turned = self._series(1.0).imag
             self.turn = turns[0] - turned[0]  # the trailing edge stays at the angle 0
@@ -125,17 +125,17 @@ class _Circle:
         self.radius = float(np.exp(self.modes[0].real))
 
     def _series(self, radius: float) -> np.ndarray:
-        """Logarithm of what a circle is stretched and turned by, at all angles."""
+        """Logarithm of the stretching and rotation of a circle at all angles."""
         n = self.angles.size
         terms = np.zeros(n, dtype=complex)
         terms[: self.modes.size] = self.modes * radius ** -np.arange(self.modes.size, dtype=np.float64)
         return np.fft.fft(terms)
 
     def ring(self, radius: float) -> np.ndarray:
-        """Points about the near-circle that are on a circle of that radius, where the body is of radius 1."""
+        """Points about the near-circle from the circle of a radius, with a body of radius 1."""
         around = radius * np.exp(self._series(radius) + 1j * (self.angles + self.turn))
         return self.centre + around[:: self.stride]
 
     def points(self, outside: np.ndarray) -> np.ndarray:
-        """Points about the near-circle of complex ones outside the unit circle."""
+        """Points about the near-circle from complex points outside the unit circle."""
         return self.centre + outside * np.exp(polyval(1.0 / outside, self.modes) + 1j * self.turn)

@@ -1,4 +1,4 @@
-"""Heights of first cells as they are asked for: in units of length, or in viscous ones."""
+"""Requested heights of first cells, in units of length or in viscous units."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ __all__ = ["first_cell_of"]
 
 
 def first_cell_of(
-    length: float,  # length of the chord, or whatever the Reynolds number is of (m)
+    length: float,  # length of the chord, or other reference length of the Reynolds number (m)
     first_cell: float | None,  # height of the first cells (m)
     y_plus: float | None,  # the same in viscous units
-    reynolds: float | None,  # reynolds number of the length
-) -> float | None:  # height of the first cells (m); None where none is asked for
-    """Find the height of first cells that is asked for."""
+    reynolds: float | None,  # Reynolds number of the length
+) -> float | None:  # height of the first cells (m); None if none is requested
+    """Find the requested height of first cells."""
     given = {"first_cell": first_cell, "y_plus": y_plus, "reynolds": reynolds}
     for name, value in given.items():
         if value is not None and not (np.isfinite(value) and value > 0.0):

@@ -1,6 +1,6 @@
-r"""Twelve-block H-H grids about a wing, and their root: grids one cell deep about a section.
+r"""Twelve-block H-H grids about a wing, and grids at their root, one cell deep about a section.
 
-The blocks are upstream, wing and downstream of it (i), below and above (j), inboard and outboard of the tip (k)::
+The blocks are upstream, at the wing and downstream (i), below and above (j), inboard and outboard of the tip (k)::
 
      y        far field                     block = stream + 3 above + 6 outboard, from 0
      |  +------+------+------+
@@ -11,7 +11,7 @@ The blocks are upstream, wing and downstream of it (i), below and above (j), inb
      +------------------------- x            z along the span, symmetry plane z = 0
 
 Every grid line along j starts on the *base surface*: the wing, and the plane y = 0 upstream, downstream and outboard of
-it. Seen from above, that is six patches of nodes, three along the stream inboard of the tip and three outboard::
+it. Seen from above, these are six patches of nodes, three along the stream inboard of the tip and three outboard::
 
     z   +----------+--------+------------+
     |   | 3        | 4      | 5          |   outboard
@@ -20,9 +20,9 @@ it. Seen from above, that is six patches of nodes, three along the stream inboar
     |   +--------+===========+-----------+   symmetry plane
     +----------------------------------------- x
 
-The line leaves it in a direction between the wall's normal and the vertical, bends into the vertical within a few
-tenths of a chord, and drifts towards its place at the outer boundary, where the clustering is relaxed. The grid is an
-explicit smooth function of one-dimensional distributions, so that it is alike at all resolutions.
+The line leaves the surface in a direction between the wall's normal and the vertical, bends into the vertical within a
+few tenths of a chord, and drifts towards its place at the outer boundary, where the clustering is relaxed. The grid is
+an explicit smooth function of one-dimensional distributions, so grids of all resolutions are alike.
 
 Theory: ``docs/theory/generators.rst``.
 """
@@ -46,7 +46,7 @@ _INBOARD = 6
 """Blocks of the wing's grid inboard of the tip."""
 
 _PANEL = 3
-"""Cells along the span of each panel at least: splines of order four have as many intervals of control points."""
+"""Least number of cells along the span of each panel, for splines of order four."""
 
 _TURN = 0.05
 """Distance outboard of the tip, in tip chords, over which the lines of the wing turn out of its sweep."""
@@ -55,16 +55,16 @@ _BEND = 0.1
 """Height, in root chords, over which a line bends from its direction at the wall into the vertical."""
 
 _LAG = 0.05
-"""Height, in root chords, below which intervals are measured along a slanted line rather than as heights."""
+"""Height, in root chords, below which intervals are measured along a slanted line rather than vertically."""
 
 _SLIDE = 0.02
 """Height, in root chords, over which lines slide from the section's distribution of nodes to the chord's."""
 
 _REACH = 8.0
-"""Distance from a blunt edge, in its radii, over which the lines that leave the wall lean away from its normal."""
+"""Distance from a blunt edge, in its radii, over which lines that leave the wall lean away from its normal."""
 
 _FAN = 2.5
-"""Growth of that distance with height."""
+"""Growth of this distance with height."""
 
 _ROWS = (("upstream", "wing", "downstream"), ("below", "above"), ("inboard", "outboard"))
 
@@ -75,26 +75,26 @@ def hh_wing_grid(
     spacing: Spacing | None = None,
     far_field: FarField | None = None,
 ) -> Grid:
-    """Make the canonical H-H grid about a wing, of twelve blocks where it has no kink.
+    """Make the canonical H-H grid about a wing, with twelve blocks if the wing has no kink.
 
     Parameters
     ----------
     wing : Wing
         The wing, its root in the plane z = 0, x downstream, y up.
     shape : tuple
-        Nodes per block along the stream, away from the wing and along the span. Each is one count for all blocks, or
+        Nodes per block along the stream, away from the wing and along the span. Each is one number for all blocks, or
         one for each of upstream, wing, downstream; below, above; inboard, outboard.
     spacing : Spacing, optional
-        Intervals next to the wing. By default a thousandth of the root chord, as about the paper's M6 on 45 x 65 x 33
-        nodes per block; wider in proportion on coarser grids, where cells would grow too fast from there.
+        Intervals next to the wing. By default a thousandth of the root chord, as for the paper's M6 with 45 x 65 x 33
+        nodes per block, and wider in proportion on coarser grids, where cells would otherwise grow too fast.
     far_field : FarField, optional
         Outer boundary, 10 root chords away by default.
 
     Returns
     -------
     Grid
-        Twelve blocks, and six more for each kink of the planform, at which nodes and the edges of blocks are exactly.
-        Patches ``wing_upper`` and ``wing_lower`` (wall), ``symmetry`` and ``farfield``. All blocks are right-handed.
+        Twelve blocks, and six more for each kink of the planform, which nodes and edges of blocks meet exactly. Patches
+        are ``wing_upper`` and ``wing_lower`` (wall), ``symmetry`` and ``farfield``. All blocks are right-handed.
 
     Raises
     ------
@@ -142,15 +142,15 @@ def infinite_wing_grid(
     shape : tuple
         Nodes per block along the stream and away from the wing, as in `hh_wing_grid`.
     spacing : Spacing, optional
-        Intervals next to the wing, by default those of `hh_wing_grid`; those along the span do not matter.
+        Intervals next to the wing, by default as in `hh_wing_grid`; intervals along the span do not matter.
     far_field : FarField, optional
         Outer boundary, 10 chords away by default.
 
     Returns
     -------
     Grid
-        Six blocks from z = 0 to z = 1 with the patches of `hh_wing_grid`. Coefficients of the section are those by a
-        reference area of 1.
+        Six blocks from z = 0 to z = 1 with the patches of `hh_wing_grid`. With a reference area of 1, coefficients are
+        the section's.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def _root_interval(wing: Wing, n_span: int, spacing: Spacing) -> float:
 
 
 def _kink_nodes(wing: Wing, n_span: int, spacing: Spacing) -> tuple[int, ...]:
-    """Numbers along the span of the nodes at the kinks: those that would be nearest, each panel with some cells."""
+    """Numbers along the span of the nodes at the kinks: the nearest ones that leave each panel some cells."""
     planform = wing.planform
     if not planform.kinks:
         return ()
@@ -207,8 +207,8 @@ def _kink_nodes(wing: Wing, n_span: int, spacing: Spacing) -> tuple[int, ...]:
 
 
 def _join(nodes: list[np.ndarray]) -> None:
-    """Copy what blocks share, in place, from the block of lower number: they come by it on different ways."""
-    # Along the stream, then outboard, then upwards: what is copied before stays equal. The two sides of the wing share
+    """Copy shared nodes, in place, from the block of lower number: blocks compute them in different ways."""
+    # Along the stream, then outboard, then upwards: nodes copied earlier stay equal. The two sides of the wing share
     # its leading edge, its trailing edge and its tip.
     for b in range(12):
         if b % 3:
@@ -241,12 +241,12 @@ def _patches(shapes: Sequence[tuple[int, ...]]) -> tuple[Patch, ...]:
 
 
 def _between_planes(nodes: np.ndarray) -> np.ndarray:
-    """Nodes of one cell along the span, shape (ni, nj, 2, 3), from those at the root."""
+    """Nodes of one cell along the span, shape (ni, nj, 2, 3), from the nodes at the root."""
     return np.stack([nodes * [1.0, 1.0, 0.0] + [0.0, 0.0, z] for z in (0.0, 1.0)], axis=2)
 
 
 def _one_deep(windows: Sequence[Window], kind: str) -> tuple[Window, ...]:
-    """Faces of the inboard blocks; of symmetry planes both."""
+    """Faces of the inboard blocks; both faces for symmetry planes."""
     ends = ((0, 0), (1, 1)) if kind == "symmetry" else ((0, 1),)
     return tuple(
         Window(window.block, (*window.lo[:2], low), (*window.hi[:2], high))
@@ -296,11 +296,11 @@ class _Layout:
 
 @dataclass(frozen=True)
 class _BasePatch:
-    """One patch of the base surface: where grid lines along j start, how they leave and where they are bound for."""
+    """One patch of the base surface: start, direction and target of the grid lines along j."""
 
     points: np.ndarray  # (ni, nk, 3), nodes
-    plate: np.ndarray  # (ni, nk, 3), nodes of the same patch about a wing of the same planform without thickness
-    far: np.ndarray  # (ni, nk, 3), nodes of the patch about that plate with the spacings of the outer boundary
+    plate: np.ndarray  # (ni, nk, 3), nodes of the same patch about a wing of equal planform without thickness
+    far: np.ndarray  # (ni, nk, 3), nodes of the patch about this plate with the spacings of the outer boundary
     # distance from the wing along the stream and along the span: 0 at the wing, 1 at the boundary
     away_x: np.ndarray  # (ni, nk)
     away_z: np.ndarray  # (ni, nk)
@@ -334,7 +334,7 @@ def _surface(layout: _Layout, wing: Wing, side: int) -> np.ndarray:
 
 
 def _outboard_patch(layout: _Layout, tip: np.ndarray) -> np.ndarray:
-    """Lines from the nodes of the tip to the side boundary; they turn out of the sweep into the z direction."""
+    """Lines from the nodes of the tip to the side boundary, which turn from the sweep into the z direction."""
     planform, far = layout.wing.planform, layout.far.distance
     out = far * stretch_from(layout.n_span[1], layout.spacing.tip / far)
     fraction = (tip[:, 0] - tip[0, 0]) / planform.tip_chord
@@ -359,7 +359,7 @@ def _stream_patch(layout: _Layout, edge: np.ndarray, direction: int) -> np.ndarr
 
 
 def _away(layout: _Layout, patches: Sequence[np.ndarray], n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Distances of patch n from the wing along the stream and along the span: fractions of the way to the boundary."""
+    """Distances of patch n from the wing along the stream and the span, as fractions of the boundary's distance."""
     points, zero = patches[n], np.zeros(patches[n].shape[:2])
     edge, end = (points[-1, :, 0], layout.inlet) if n % 3 == 0 else (points[0, :, 0], layout.outlet)
     away_x = zero if n % 3 == 1 else (points[..., 0] - edge) / (end - edge)
@@ -387,7 +387,7 @@ def _extrude(base: _BasePatch, side: int, n: int, layout: _Layout) -> np.ndarray
     up = height / layout.far.distance
     inner = 1.0 - _ramp(up)
     lean_x, lean_z = _lean(base, height, layout.wing)
-    # further out the lines next to a blunt edge, which are slanted, do not lag behind the others
+    # farther out, the slanted lines next to a blunt edge do not lag behind the others
     lag = inner * _near(height, _LAG * chord) * (1.0 - 1.0 / np.sqrt(1.0 + lean_x**2 + lean_z**2))
     rise, wall = height * (1.0 - lag), inner * _near(height, _BEND * chord)
     slide = _near(height, _SLIDE * chord)[..., None]
@@ -412,8 +412,8 @@ def _heights(base: _BasePatch, n: int, layout: _Layout) -> np.ndarray:
 def _lean(base: _BasePatch, height: np.ndarray, wing: Wing) -> tuple[np.ndarray, np.ndarray]:
     """Direction (x, 1, z) in which lines leave the base surface: at a blunt edge half-way from normal to vertical."""
     # Lines that left a blunt leading edge along the tangent of the wall would give a valid grid, but a control mesh
-    # with inverted elements. The lean fades away from the edge, over a distance that grows with height, so that lines
-    # do not cross.
+    # with inverted elements. The lean fades away from the edge, over a distance that grows with height, so lines do not
+    # cross.
     leading, tip = _edges(wing)
     inside = (1.0 - _outer(base.away_x, base.away_z))[:, None]
     inboard = np.minimum(base.points[:, None, :, 2] / wing.planform.semi_span, 1.0) ** 2
@@ -440,7 +440,7 @@ def _distance_from(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
 
 
 def _fade(distance: np.ndarray, radius: float, height: np.ndarray) -> np.ndarray:
-    """1 at a blunt edge, 0 far away from it; 0 everywhere for a sharp one."""
+    """1 at a blunt edge, 0 far away from it; 0 everywhere for a sharp edge."""
     if radius == 0.0:
         return np.zeros_like(height)
     return _near(distance[:, None], _REACH * radius + _FAN * height)

@@ -1,4 +1,4 @@
-"""Planforms of several panels: trapezoids side by side, whose edges have a kink between them.
+"""Planforms of several panels: adjacent trapezoids whose edges have kinks between them.
 
 Theory: ``docs/theory/generators.rst``.
 """
@@ -20,7 +20,7 @@ __all__ = ["KinkedPlanform"]
 
 @dataclass(frozen=True, eq=False)
 class KinkedPlanform(OneLine):
-    """One half of a wing of straight panels, its root in the symmetry plane z = 0.
+    """One half of a wing of straight panels, with its root in the symmetry plane z = 0.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class KinkedPlanform(OneLine):
     Raises
     ------
     InputError
-        If stations are not ascending from 0, or chords not positive.
+        If stations do not ascend from 0, or chords are not positive.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Whether points are the outline of an airfoil, from the trailing edge along the upper side and back."""
+"""Checks that points are the outline of an airfoil, from the trailing edge along the upper side and back."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from ...errors import InputError
 __all__ = ["check_outline"]
 
 _FEWEST = 10
-"""Points of an outline at least: with fewer the spline makes up the nose."""
+"""Least number of points of an outline: with fewer the spline invents the nose."""
 
 _OPEN = 0.25
-"""Height of the trailing edge in chords from which on it is no edge."""
+"""Height of the trailing edge in chords from which it is not an edge."""
 
 _FRONT = 0.05
-"""Part of the chord in which sides may go back, as they do at the nose of a cambered section."""
+"""Fraction of the chord in which sides may go back, as at the nose of a cambered section."""
 
 _ROUND_OFF, _CROSSED = 1e-9, 1e-6
-"""Parts of the chord along which points coincide, and by which sides may cross: files have five digits."""
+"""Fractions of the chord within which points coincide, and by which sides may cross: files have five digits."""
 
 
 def check_outline(
     points: np.ndarray,  # (n, 2)
-    name: str,  # what a message calls them
-    place: Callable[[int], str] = lambda number: f"point {number}",  # and one of them, which are numbered from 0
+    name: str,  # name for messages
+    place: Callable[[int], str] = lambda number: f"point {number}",  # name of a point, numbered from 0
 ) -> None:
-    """Refuse points that are no outline; say which one is wrong, and how."""
+    """Refuse points that are not an outline; the message says which one is wrong, and how."""
     if points.ndim != 2 or points.shape[1] != 2:
         raise InputError(f"{name}: points of shape {points.shape}; give (n, 2)")
     if len(points) < _FEWEST:
@@ -73,7 +73,7 @@ def _check_sides(points: np.ndarray, along: np.ndarray, at_nose: int, name: str,
     lower = np.interp(along[first], along[second[::-1]], heights[second[::-1]])
     upper = np.interp(along[second], *_rising(along[first], heights[first]))
     between = np.concatenate([heights[first] - lower, (upper - heights[second])[1:]])
-    between[np.abs(along - 1.0) < 1e-3] = 0.0  # the nose may be blunt, and along has no digits there
+    between[np.abs(along - 1.0) < 1e-3] = 0.0  # the nose may be blunt, and ``along`` has no digits there
     if np.abs(between).max() < 1e-4:
         raise InputError(f"{name}: its sides are on each other; give a section with thickness")
     if between.max() < _CROSSED:
@@ -87,11 +87,11 @@ def _check_sides(points: np.ndarray, along: np.ndarray, at_nose: int, name: str,
 
 
 def _rising(along: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Both in rising order of the first."""
+    """Both in ascending order of the first."""
     order = np.argsort(along)
     return along[order], heights[order]
 
 
 def _text(point: np.ndarray) -> str:
-    """Write a point."""
+    """A point as text."""
     return f"({point[0]:.6g}, {point[1]:.6g})"

@@ -1,8 +1,8 @@
 """The base of a blunt trailing edge in a C-grid: the cut opens to a block behind it.
 
-The grid is made about the section less a wedge, which is as thick as the base there and nothing at the nose. Both
-halves of the grid are moved apart by it again: at the wall exactly, along the cut by more and more, and far away not at
-all.
+The grid is made about the section less a wedge, which is as thick as the base at the trailing edge and zero at the
+nose. Both halves of the grid are then moved apart by the wedge: exactly at the wall, by more along the cut, and not at
+all far away.
 """
 
 from __future__ import annotations
@@ -12,28 +12,28 @@ import numpy as np
 from .stretching import stretch
 
 _OPENING = 0.1
-"""Width of the block behind a base by the distance from it, far from it."""
+"""Width of the block behind a base relative to the distance from it, far away."""
 
 _GROWTH, _FEWEST = 1.15, 4
-"""Of the cells from both corners to the middle of the base, and how many these are at least."""
+"""Growth of the cells from both corners to the middle of the base, and their least number."""
 
 
 def grown(first: float, slope: float, behind: np.ndarray) -> np.ndarray:
-    """Lengths (chords) that are those at the trailing edge first, and grow with the distance behind it in the end."""
+    """Lengths (chords) that equal given ones at the trailing edge, and finally grow with the distance behind it."""
     # in their logarithm: layers many orders lower than the chord leave the wall's within about a chord, and slowly
     return first * np.hypot(1.0, slope * behind / first) ** (behind**2 / (behind**2 + 1.0))
 
 
 def opening(
     points: np.ndarray,  # (m,), complex nodes of wall and cut about the section less the wedge, lower side first
-    feet: np.ndarray,  # (m,), their places on the real axis of the half plane: the trailing edge is at -2 and 2
+    feet: np.ndarray,  # (m,), their places on the real axis of the half plane, with the trailing edge at -2 and 2
     up: np.ndarray,  # (m, n), heights of the nodes on their lines
     behind: np.ndarray,  # (m,), distances behind the trailing edge (chords)
     base: complex,  # from the lower to the upper corner (chords)
 ) -> np.ndarray:  # (m, n), complex displacements
-    """Move both halves apart by the wedge, at the wall exactly."""
+    """Move both halves apart by the wedge, exactly at the wall."""
     side = 0.5 * np.sign(feet) * base
-    # of a point of the wall less the wedge: the wedge is laid off by the place of the point that is wanted
+    # for a point of the wall less the wedge: the wedge is evaluated at the place of the resulting point
     of_wall = points.real / (1.0 - side.real)
     part = np.where(np.abs(feet) < 2.0, of_wall, grown(abs(base), _OPENING, behind) / abs(base))
     return (side * part)[:, None] / (1.0 + up**2 / np.maximum(feet**2, 4.0)[:, None])

@@ -1,15 +1,15 @@
 r"""C-grids about sections by conformal mapping: around the section, and along a cut behind it.
 
-The circle of `circle_mapping` is mapped to a slit from -2 to 2, the trailing edge at 2, and the plane outside the slit
-and behind it to the upper half of another one by the square root: wall and cut are its real axis, and the grid lines of
-equal height are confocal parabolas, which all lines from the wall cross at right angles::
+The circle of `circle_mapping` is mapped to a slit from -2 to 2, with the trailing edge at 2. The square root maps the
+plane outside the slit and its continuation to the upper half of another plane: wall and cut are its real axis. The grid
+lines of equal height are confocal parabolas, which all lines from the wall cross at right angles::
 
            ____________
           / 1   | 2            three blocks: along the cut below it to the trailing edge, around the section, and along
          |  C=> +--------      the cut above it; j away from wall and cut, i clockwise
           \_____| 0____
 
-The cut leaves the trailing edge along the bisector of its corner, and goes on as a stream line without lift.
+The cut leaves the trailing edge along the bisector of its corner, and continues as a streamline without lift.
 
 References
 ----------
@@ -32,17 +32,17 @@ from .wing import Section
 __all__ = ["section_c_grid"]
 
 GROWTH = 1.15
-"""Of the cells from the trailing edge along the cut, where their number is left out."""
+"""Growth of the cells from the trailing edge along the cut, if their number is not given."""
 
 _WIDER = 0.01
-"""Height of the first cells at the cut by the distance behind the trailing edge, far from it."""
+"""Height of the first cells at the cut relative to the distance behind the trailing edge, far away."""
 
 _TURN = 4.0
-"""Height in the half plane, where the chord is 4 long, over which lines leave the intervals of the wall: those at the
-trailing edge would be as close far away."""
+"""Height in the half plane, where the chord is 4 long, over which lines leave the intervals of the wall: the intervals
+at the trailing edge would otherwise be as narrow far away."""
 
 _NEAREST, _ALONG = 1e-9, 120
-"""The nearest of the points by which lengths of lines are measured, and their number."""
+"""The nearest of the points that measure lengths of lines, and their number."""
 
 
 def section_c_grid(
@@ -59,34 +59,35 @@ def section_c_grid(
     Parameters
     ----------
     section : Section
-        With a blunt nose and a closed trailing edge; points (x, y) in chords.
+        Section with a blunt nose and a closed trailing edge; points (x, y) in chords.
     n_around : int
         Cells around the section, an even number of 8 or more.
     far : float
-        Distance of the outer boundary in chords, upstream and along the cut; above and below it is twice as far.
+        Distance of the outer boundary in chords, upstream and along the cut; it is twice as far above and below.
     n_away : int
         Cells from the section to the outer boundary.
     off_wall : float, optional
-        Height of the first cells in chords; half of a chord over the cells around by default. At the cut they become
-        higher behind the trailing edge.
+        Height of the first cells in chords; by default half of a chord divided by the cells around. At the cut they
+        become higher behind the trailing edge.
     n_wake : int, optional
-        Cells along the cut, 4 or more; by default as many as grow by 15 % from those of the wall at the trailing edge.
+        Cells along the cut, 4 or more; by default for a growth of 15 % from the wall's cells at the trailing edge.
     base : complex
-        Base of a blunt trailing edge, from its lower to its upper corner in chords: a wedge as thick, and nothing at
+        Base of a blunt trailing edge, from its lower to its upper corner in chords. A wedge of this thickness, zero at
         the nose, is added to the section, and the cut opens to a block behind it.
 
     Returns
     -------
     Grid
         Three right-handed blocks, below the cut, around the section and above the cut, with the patches ``wing``,
-        ``farfield`` and ``symmetry``, from z = 0 to z = 1. With a base there is a fourth one behind it, and a patch
-        ``base``; first cells at the base are as high as at the section, if these are lower than the last ones are long.
+        ``farfield`` and ``symmetry``, from z = 0 to z = 1. With a base there is a fourth block behind it and a patch
+        ``base``. First cells at the base are as high as at the section, if this is less than the length of the
+        section's last cells.
 
     Raises
     ------
     InputError
-        If the nose is sharp, the counts are too small, the outer boundary is too near, or cells of that height cannot
-        grow to it.
+        If the nose is sharp, the counts are too small, the outer boundary is too near, or first cells of this height
+        cannot grow to it.
 
     Examples
     --------
@@ -101,7 +102,7 @@ def section_c_grid(
     wall = -2.0 * np.cos(np.pi * np.arange(n_around + 1) / n_around)  # equal angles of the circle
     at_edge = half_plane.points(wall[[1, -2]] + 0.0j)
     first = np.abs(at_edge - TRAILING_EDGE).mean()
-    if base and height < first:  # of the cells at the base, too
+    if base and height < first:  # also of the cells at the base
         first, wall = height, _towards_base(half_plane, wall, height)
     cut, behind = _cut(half_plane, first, n_wake)
     feet = np.concatenate([-cut[:0:-1], wall, cut[1:]])
@@ -112,7 +113,7 @@ def section_c_grid(
     n_cut = len(cut) - 1
     edges = [n_cut, n_cut + n_around]
     points[edges, 0] = TRAILING_EDGE
-    points[-n_cut - 1 :, 0] = points[n_cut::-1, 0]  # both come by the cut on different ways
+    points[-n_cut - 1 :, 0] = points[n_cut::-1, 0]  # both compute the cut in different ways
     faces = {"wing": [(1, 2)], "farfield": [(0, 3), (1, 3), (2, 3), (0, 0), (2, 1)]}
     if base:
         points += opening(points[:, 0], feet, up, behind, base)
@@ -125,7 +126,7 @@ def section_c_grid(
 
 
 class _HalfPlane:
-    """The outside of a section, cut behind it, by a half plane whose real axis is wall and cut."""
+    """The exterior of a section, cut behind it, as the image of a half plane whose real axis is wall and cut."""
 
     def __init__(self, mapping: CircleMapping, far: float):
         self._mapping = mapping
@@ -133,19 +134,19 @@ class _HalfPlane:
         self.end, self.height = np.sqrt(far / mapping.radius + 2.0), np.sqrt(far / mapping.radius - 2.0)
 
     def points(self, plane: np.ndarray) -> np.ndarray:
-        """Points about the section of complex ones of the half plane, the trailing edge at 2 and at -2."""
+        """Points about the section from complex points of the half plane, with the trailing edge at 2 and -2."""
         outside = (0.5 * (plane + np.sqrt(plane - 2.0) * np.sqrt(plane + 2.0))) ** 2
         return self._mapping.points(outside)
 
     def lengths(self, feet: np.ndarray) -> np.ndarray:
-        """Lengths (chords) of upright lines by their feet (m,), far from the section: there points go as squares."""
+        """Lengths (chords) of upright lines from their feet (m,), far away, where points grow as squares."""
         slant = np.hypot(feet, self.height)
         squares = feet**2 * np.arcsinh(self.height / np.maximum(np.abs(feet), 1e-9))
         return self._mapping.radius * (self.height * slant + squares)
 
 
 def _towards_base(half_plane: _HalfPlane, wall: np.ndarray, height: float) -> np.ndarray:
-    """Nodes of the wall in the half plane, (n_around + 1,), whose last intervals (chords) are those at the base."""
+    """Nodes of the wall in the half plane, (n_around + 1,), with the base's intervals (chords) at both ends."""
     middle = len(wall) // 2
     steps = np.append(0.0, np.geomspace(_NEAREST, 2.0, _ALONG))
     at_nose = np.abs(np.diff(half_plane.points(wall[[middle - 1, middle + 1]] + 0.0j)))[0] / 2.0
@@ -176,7 +177,7 @@ def _cut(
 
 
 def _even(end: float, n_around: int, n_wake: int) -> np.ndarray:
-    """Places of all lines far away, where those at the trailing edge are no closer than others."""
+    """Places of all lines far away, where lines at the trailing edge are no closer than others."""
     around = np.linspace(-2.0, 2.0, n_around + 1)
     first = min(4.0 / n_around / (end - 2.0), 1.0 / n_wake)
     behind = 2.0 + (end - 2.0) * stretch_from(n_wake + 1, first)[1:]
@@ -200,7 +201,7 @@ def _lines(
     lines = half_plane.points(bent(up))
     lines[np.abs(feet) == 2.0, 0] = TRAILING_EDGE
     lengths = np.abs(np.diff(lines, axis=1)).sum(axis=1)
-    # nodes by the lengths that lines would have unbent: those of neighbours differ by as little as their feet do
+    # nodes from the lengths of straightened lines, which differ between neighbours as little as their feet do
     unbent = half_plane.lengths(feet)
     parts = np.stack([stretch_from(n_away + 1, first) for first in heights / unbent])
     asked = unbent[:, None] * parts * (1.0 + (lengths / unbent - 1.0)[:, None] * parts)

@@ -1,6 +1,6 @@
-r"""O-grids about sections by conformal mapping: orthogonal, and of square cells out to the far field.
+r"""O-grids about sections by conformal mapping: orthogonal, with square cells out to the far field.
 
-Rays and circles about the circle that the section is mapped to are the grid lines here::
+The grid lines are the images of rays and circles about the circle that the section is mapped to::
 
         j far field           i from the trailing edge along the lower side to the nose, and back along the upper one;
        / \                     the first and the last nodes of i coincide behind the trailing edge
@@ -24,7 +24,7 @@ from .stretching import stretch_lines
 from .wing import Section
 
 _NEAREST, _ALONG_RAY = 1e-7, 400
-"""Logarithm of the radius of the nearest of the points by which the lengths of rays are measured, and their number."""
+"""Logarithm of the radius of the nearest of the points that measure lengths of rays, and their number."""
 
 
 def section_o_grid(
@@ -39,17 +39,17 @@ def section_o_grid(
     Parameters
     ----------
     section : Section
-        With a blunt nose and a closed trailing edge; points (x, y) in chords.
+        Section with a blunt nose and a closed trailing edge; points (x, y) in chords.
     n_around : int
         Cells around the section, an even number of 8 or more.
     far : float
         Radius of the outer boundary in chords.
     n_away : int, optional
-        Cells from the section to the outer boundary; as many as make them square by default, which at the default
-        radius is as many as around.
+        Cells from the section to the outer boundary. By default as many as make them square, which at the default
+        radius is the number around.
     off_wall : float, optional
         Height of the first cells in chords, for boundary layers; square cells by default. Along every ray cells grow
-        from there to square ones at the outer boundary.
+        from this height to square ones at the outer boundary.
 
     Returns
     -------
@@ -60,8 +60,8 @@ def section_o_grid(
     Raises
     ------
     InputError
-        If the nose is sharp, the counts are too small, the outer boundary is too near, or cells of that height cannot
-        grow to it.
+        If the nose is sharp, the counts are too small, the outer boundary is too near, or first cells of this height
+        cannot grow to it.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def section_o_grid(
 
 
 def _off_wall(mapping: CircleMapping, n_around: int, decades: float, rows: int, height: float) -> np.ndarray:
-    """Nodes (n_around, rows + 1) about the circle with first cells of a height (chords), the last ones square."""
+    """Nodes (n_around, rows + 1) about the circle with first cells of a height (chords) and square last ones."""
     logarithms = np.append(0.0, np.geomspace(_NEAREST, decades, _ALONG_RAY))
     rays = _rings(mapping, np.exp(logarithms))
     lengths = np.abs(np.diff(rays, axis=1)).sum(axis=1)

@@ -1,4 +1,4 @@
-"""What grids about sections have in common: checks, nodes along lines, blocks one cell deep."""
+"""Common parts of grids about sections: checks, nodes along lines, blocks one cell deep."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _KINDS = {"wing": "wall", "base": "wall", "farfield": "farfield", "symmetry": "s
 
 def mapping_of(
     section: Section,
-    what: str,  # the grid that is made
+    what: str,  # the kind of grid, for messages
     n_around: int,  # cells around and away
     n_away: int | None,
     far: float,  # distance of the outer boundary (chords)
 ) -> CircleMapping:
-    """Map the outside of a section; refuse what no grid can be made of."""
+    """Map the exterior of a section; refuse requests that allow no grid."""
     if not section.nose_radius > 0.0:
         raise InputError(f"{what} about a section: the nose is sharp; give a Section with its nose_radius")
     if n_around < 8 or n_around % 2 or (n_away is not None and n_away < 4):
@@ -40,17 +40,17 @@ def mapping_of(
 
 def at_distances(
     line: np.ndarray,  # (m,), complex points of a line
-    parameters: np.ndarray,  # (m,), their positive parameters, but the first one, which is 0
+    parameters: np.ndarray,  # (m,), their positive parameters, except the first one, which is 0
     distances: np.ndarray,  # (n,), positive distances along it from its first point
 ) -> np.ndarray:
-    """Parameters (n,) of points of a line at distances from its beginning, where the first steps go as powers."""
+    """Parameters (n,) of points of a line at distances from its beginning, near which steps follow a power law."""
     there = np.log(np.cumsum(np.abs(np.diff(line))))
     return np.exp(PchipInterpolator(there, np.log(parameters[1:]))(np.log(distances)))
 
 
 def one_deep(
     planes: Mapping[str, np.ndarray],  # complex nodes (ni, nj) of each block by its name
-    faces: Mapping[str, Sequence[tuple[int, int]]],  # block and face of each patch, but the planes
+    faces: Mapping[str, Sequence[tuple[int, int]]],  # block and face of each patch, except the planes
     source: str,
 ) -> Grid:
     """Make the grid of blocks from z = 0 to z = 1."""
@@ -66,7 +66,7 @@ def one_deep(
 
 
 def _between_planes(points: np.ndarray) -> np.ndarray:
-    """Nodes (ni, nj, 2, 3) of complex ones of a plane."""
+    """Nodes (ni, nj, 2, 3) from complex nodes of a plane."""
     nodes = np.empty((*points.shape, 2, 3))
     nodes[..., 0], nodes[..., 1], nodes[..., 2] = points.real[..., None], points.imag[..., None], (0.0, 1.0)
     return nodes

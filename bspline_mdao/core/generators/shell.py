@@ -1,7 +1,7 @@
 r"""Grids of the shell between a closed body and a sphere far away: O-O topology without singular lines.
 
 The blocks lie on the six sides of the body, or on the three sides of one octant of it. The parameters of a point on the
-body are those of a cube, ``max(|s|) = 1``; along k every grid line is straight, from the body to the sphere::
+body are the coordinates on a cube, ``max(|s|) = 1``. Along k every grid line is straight, from the body to the sphere::
 
         +-----------+
         | \   z+  / |          i x j = k on every side:
@@ -46,12 +46,12 @@ def ball_grid(
     off_wall : float, optional
         First interval off the wall (m); without it the intervals are equal.
     octant : bool
-        Make the octant of positive coordinates alone.
+        Make only the octant of positive coordinates.
 
     Returns
     -------
     Grid
-        Patches ``body`` (wall), ``farfield`` and, of an octant, ``symmetry_x``, ``symmetry_y`` and ``symmetry_z``. Six
+        Patches ``body`` (wall), ``farfield`` and, for an octant, ``symmetry_x``, ``symmetry_y`` and ``symmetry_z``. Six
         right-handed blocks, or three.
 
     Raises
@@ -88,15 +88,15 @@ def brick_grid(
     far : float
         Radius of the outer boundary (m).
     off_wall : float, optional
-        First interval off the wall (m) where the line is as long as from the corners; without it the intervals of each
-        line are equal.
+        First interval off the wall (m) on lines as long as from the corners; without it the intervals of each line are
+        equal.
     octant : bool
-        Make the octant of positive coordinates alone.
+        Make only the octant of positive coordinates.
 
     Returns
     -------
     Grid
-        Patches as those of `ball_grid`.
+        Patches as in `ball_grid`.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def _patches(blocks: list[Block], octant: bool) -> tuple[Patch, ...]:
 
 
 def _fractions(shape: Sequence[int], far: float, reach: float, off_wall: float | None, source: str) -> np.ndarray:
-    """Nodes along a line from 0 to 1, shape (n, 1); ``reach`` is how far the body goes."""
+    """Nodes along a line from 0 to 1, shape (n, 1); ``reach`` is the extent of the body."""
     if len(shape) != 4 or min(shape) < 3:
         raise InputError(f"{source}: shape {tuple(shape)}; give four counts of 3 nodes at least")
     if far <= reach:

@@ -1,8 +1,8 @@
 """One-dimensional point distributions with given spacings at both ends.
 
 The two-sided function of Vinokur, *On one-dimensional stretching functions for finite-difference calculations*, Journal
-of Computational Physics 50 (1983) 215-234. Vinokur prescribes the slopes at the ends; here they are adjusted until the
-first and the last *interval* are exactly as asked.
+of Computational Physics 50 (1983) 215-234. Vinokur prescribes the slopes at the ends. Here they are adjusted until the
+first and the last *interval* are exactly as requested.
 
 Theory: ``docs/theory/generators.rst``.
 """
@@ -20,17 +20,17 @@ _TOLERANCE = 1e-9
 """Relative error of the end intervals."""
 
 _LOWEST_SLOPE, _HIGHEST_SLOPE = -60.0, 18.0
-"""Logarithms of the slopes at the ends between which the search stays; nothing overflows there."""
+"""Range of the logarithms of the end slopes in the search, within which nothing overflows."""
 
 
-@lru_cache(maxsize=1024)  # blocks side by side ask for equal lines: two in three times in a wing of twelve blocks
+@lru_cache(maxsize=1024)  # adjacent blocks need equal lines: two in three times for a wing of twelve blocks
 def stretch(
     n: int,  # number of points, at least 3
     # first and last interval, as fractions of the length
     first: float,
     last: float,
 ) -> np.ndarray:  # (n,), strictly increasing from 0 to 1, read-only
-    """Distribute n points over [0, 1], smoothly, with given first and last interval.
+    """Distribute n points smoothly over [0, 1] with given first and last interval.
 
     Examples
     --------
@@ -46,14 +46,14 @@ def stretch(
 
 
 def _two_sided(n: int, first: float, last: float) -> np.ndarray:
-    """Search the slopes at the ends with which the intervals there are as asked."""
+    """Search the end slopes that give the requested intervals there."""
     target = np.log([first, last])
     highest = _HIGHEST_SLOPE - np.log(n - 1)
 
     def excess(slopes: np.ndarray) -> np.ndarray:
         inside = np.clip(slopes, _LOWEST_SLOPE, highest)
         points, left = _vinokur(n, *np.exp(inside))
-        # beyond the range the excess grows with the slopes, which takes the search back into it
+        # beyond the range the excess grows with the slopes, which leads the search back into it
         return np.log([points[1], left[-2]]) - target + slopes - inside
 
     solution = root(excess, np.clip(target, _LOWEST_SLOPE, highest), tol=1e-13)
@@ -66,12 +66,12 @@ def _two_sided(n: int, first: float, last: float) -> np.ndarray:
 def geometric_last(
     n: int,  # number of points, at least 3
     first: float,  # first interval, as a fraction of the length
-) -> float:  # the last interval: the end spacing that asks least of the growth ratio
+) -> float:  # the last interval: the end spacing that needs the least growth ratio
     """Find the last of n - 1 intervals that fill [0, 1] in geometric progression from the first."""
     cells = n - 1
     if first * cells >= 1.0 - _TOLERANCE:
         return 1.0 / cells
-    steepest = -np.log(first) / (cells - 1)  # the last interval alone would fill the length
+    steepest = -np.log(first) / (cells - 1)  # the last interval would fill the whole length
     growth = brentq(lambda g: np.log(first * np.expm1(cells * g) / np.expm1(g)), 1e-12, steepest)
     return first * np.exp(growth * (cells - 1))
 
@@ -89,8 +89,8 @@ def stretch_lines(
     last: float,
 ) -> np.ndarray:
     """Distribute points over many lines with the same end intervals in length units."""
-    # returns (..., n), fractions of each length. Those of the shortest and the longest line are `stretch`; the others
-    # are interpolated linearly in the inverse length, which keeps the end intervals exact
+    # returns (..., n), fractions of each length. The shortest and the longest line use `stretch`; the others are
+    # interpolated linearly in the inverse length, which keeps the end intervals exact
     inverse = 1.0 / np.asarray(lengths, dtype=np.float64)
     low, high = inverse.min(), inverse.max()
     at_low = stretch(n, first * low, last * low)

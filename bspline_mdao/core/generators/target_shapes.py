@@ -1,9 +1,9 @@
-"""Shapes that a wing becomes (the moves of the paper's section IV): its wall nodes laid on another shape, and the fit.
+"""Target shapes of a wing (the moves of the paper's section IV): its wall nodes laid on another shape, and the fit.
 
-A shape is a map from side, chord fraction and span fraction to space. The *chord fraction* is that of the arc of a
-section from the leading to the trailing edge. The *span fraction* is that of a line of constant chord fraction from the
-symmetry plane to the tip, measured across the stream, so that sweep does not count: along the spine and over the
-rounded tip.
+A shape is a map from side, chord fraction and span fraction to space. The *chord fraction* is the fraction of a
+section's arc from the leading to the trailing edge. The *span fraction* is the fraction of a line of constant chord
+fraction from the symmetry plane to the tip, measured normal to the stream, so sweep does not count: along the spine and
+over the rounded tip.
 
 Theory: ``docs/theory/generators.rst``.
 """
@@ -44,36 +44,36 @@ class Shape(Protocol):
     """Distances from the symmetry plane along the span, shape (m,), ascending (m)."""
 
     def sections(self, side: int, fractions: np.ndarray) -> np.ndarray:
-        """Coordinate x and height, shape (m, n, 2), of fractions (m, n) of the arc of the section at every station."""
+        """Coordinate x and height, shape (m, n, 2), at fractions (m, n) of the section's arc at every station."""
 
     def place(self, sections: np.ndarray) -> np.ndarray:
-        """Points in space, shape (m, n, 3), of points of the sections, shape (m, n, 2)."""
+        """Points in space, shape (m, n, 3), from points of the sections, shape (m, n, 2)."""
 
 
 def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape | Triangles) -> np.ndarray:
-    """Fit the surface control points of a wing's model to another shape, or those of any walls to triangles.
+    """Fit the surface control points of a wing's model to another shape, or of any walls to triangles.
 
     Parameters
     ----------
     model : FittedModel
-        Model of a grid about a wing with patches ``wing_upper`` and ``wing_lower``, see `lay_walls`; of any grid with
-        walls where the shape is triangles.
+        Model of a grid about a wing with patches ``wing_upper`` and ``wing_lower``, see `lay_walls`; or of any grid
+        with walls if the shape is triangles.
     surface_ids : ndarray of int, shape (n_surface,)
         Numbers of the control points of both patches, such as ``surface_ids`` of the moving mesh.
     shape : Shape or Triangles
-        What the wing is to become, for example `rectangular_wing` or `generic_blended_wing_body`. Wall nodes go to the
-        nearest places of triangles, which are to be close: a fraction of a radius of curvature.
+        Target shape of the wing, for example `rectangular_wing` or `generic_blended_wing_body`. Wall nodes go to the
+        nearest places of triangles, which must be close: within a fraction of a radius of curvature.
 
     Returns
     -------
     ndarray, shape (n_surface, 3)
-        Surface control points (m). How far the surface misses the shape is logged, see
+        Surface control points (m). The distance of the surface from the shape is logged, see
         `bspline_mdao.core.fit.surface_fit.fit_surface`, which also returns it.
 
     Raises
     ------
     InputError
-        If the patches are not there, or the control points are not those of whole faces.
+        If the patches are missing, or the control points do not make up whole faces.
 
     Examples
     --------
@@ -91,18 +91,18 @@ def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape | Triang
 
 
 def nodes_on_triangles(model: FittedModel, body: Triangles) -> np.ndarray:
-    """All nodes of a model's grid, shape (n_nodes, 3), those of walls at the nearest places of triangles."""
+    """All nodes of a model's grid, shape (n_nodes, 3), with nodes of walls at the nearest places of triangles."""
     surface, nodes = SurfaceGrid.of(model), model.regenerate().to_vector().reshape(-1, 3)
     moves = body.nearest(surface.points) - surface.points
     for numbers, normal in surface.on_planes(model):
         moves[numbers] -= np.outer(moves[numbers] @ normal, normal)
     source, of_row = node_sharing(model.topology).source_rows(), np.zeros_like(nodes)
     of_row[source[surface.rows]] = moves
-    return nodes + of_row[source]  # wherever a block holds them
+    return nodes + of_row[source]  # in every block that has them
 
 
 def nodes_on_shape(model: FittedModel, shape: Shape) -> np.ndarray:
-    """All nodes of a model's grid, shape (n_nodes, 3), those of the wing laid on another shape; see `fit_shape`.
+    """All nodes of a model's grid, shape (n_nodes, 3), with nodes of the wing on another shape; see `fit_shape`.
 
     Examples
     --------
@@ -119,13 +119,13 @@ def nodes_on_shape(model: FittedModel, shape: Shape) -> np.ndarray:
 
 
 def lay_walls(grid: Grid, shape: Shape) -> list[tuple[Window, np.ndarray]]:
-    """Lay the wall nodes of a grid about a wing on another shape, fractions kept.
+    """Lay the wall nodes of a grid about a wing on another shape, with the same fractions.
 
     Parameters
     ----------
     grid : Grid
-        Grid with patches ``wing_upper`` and ``wing_lower``, i along the chord and k along the span, as `hh_wing_grid`
-        makes it.
+        Grid with patches ``wing_upper`` and ``wing_lower``, i along the chord and k along the span, as from
+        `hh_wing_grid`.
     shape : Shape
         The other shape.
 
@@ -173,7 +173,7 @@ def lay_nodes(shape: Shape, side: int, chord: np.ndarray, span: np.ndarray) -> n
     Returns
     -------
     ndarray, shape (ni, nk, 3)
-        Nodes (m). Both sides give the same ones at the leading edge, the trailing edge and the tip, those of the root
+        Nodes (m). Both sides give the same nodes at the leading edge, the trailing edge and the tip; nodes of the root
         are in the plane z = 0.
 
     Examples
@@ -207,7 +207,7 @@ def _arc(points: np.ndarray) -> np.ndarray:
 
 
 def _divide(line: np.ndarray, stations: np.ndarray, heights: np.ndarray, fractions: np.ndarray) -> np.ndarray:
-    """Divide a line of samples (m, 3) at fractions of its length across the stream."""
+    """Divide a line of samples (m, 3) at fractions of its length normal to the stream."""
     arc = _arc(np.stack([stations, heights], axis=1))
     nodes = CubicSpline(arc, line)(arc[-1] * fractions)
     nodes[[0, -1]] = line[[0, -1]]

@@ -1,4 +1,4 @@
-"""Wings: planform, sections, the surface between them, and a surface grid of it.
+"""Wings: planform, sections, the surface between them, and its surface grid.
 
 Theory: ``docs/theory/generators.rst``.
 """
@@ -20,7 +20,7 @@ from .stretching import stretch_lines
 from .tips import tip_clustered, tip_rounding
 
 _SAMPLES = 1000
-"""Points at which the speed along a section is sampled; arc lengths are then good to 1e-9 chords."""
+"""Points at which the speed along a section is sampled; arc lengths are then accurate to 1e-9 chords."""
 
 _EXTENDED = 1.0089304113651427
 """Chords at which the thickness of the four-digit equation is zero."""
@@ -31,7 +31,7 @@ _STATIONS = 120
 
 @dataclass(frozen=True)
 class Planform(OneLine):
-    """One half of a trapezoidal wing, its root in the symmetry plane z = 0 and its leading edge there at x = 0.
+    """One half of a trapezoidal wing, with its root in the symmetry plane z = 0 and its leading edge there at x = 0.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Planform(OneLine):
     semi_span : float
         Distance from the symmetry plane to the tip (m).
     taper : float
-        Tip chord over root chord.
+        Tip chord divided by root chord.
     leading_edge_sweep : float
         Sweep of the leading edge (deg), positive aft.
 
@@ -67,7 +67,7 @@ class Planform(OneLine):
 
     @classmethod
     def from_sweeps(cls, root_chord: float, semi_span: float, leading: float, trailing: float) -> Planform:
-        """Make the planform from the sweeps (deg) of both edges; the taper follows."""
+        """Make the planform from the sweeps (deg) of both edges, which determine the taper."""
         narrowing = semi_span * (np.tan(np.radians(leading)) - np.tan(np.radians(trailing)))
         return cls(root_chord, semi_span, 1.0 - narrowing / root_chord, leading)
 
@@ -182,7 +182,7 @@ class Section(OneLine):
         return np.array([length for _, length in self._places_of(side, factors)])[of_curve]
 
     def _places_of(self, side: int, factors: np.ndarray) -> list[tuple[CubicSpline, float]]:
-        """Parameters by arc length of one side scaled in thickness by each factor, kept for surfaces that follow."""
+        """Parameters by arc length of one side scaled in thickness by each factor, cached for later surfaces."""
         known = self._known_places[side]
         new = np.array([factor for factor in factors if factor not in known])
         if new.size:
@@ -199,7 +199,7 @@ class Section(OneLine):
 
 
 def flat_section() -> Section:
-    """Make a section of no thickness.
+    """Make a section without thickness.
 
     Examples
     --------
@@ -219,8 +219,8 @@ def naca_section(thickness: float = 0.12, extended: bool = False) -> Section:
     thickness : float
         Thickness in chords; 0.12 for the NACA 0012.
     extended : bool
-        Follow the equation to where it closes, at 1.0089 chords, and scale that to one, as Vassberg and Jameson do (J.
-        Aircraft 47, 2010).
+        Follow the equation to where it closes, at 1.0089 chords, and scale this length to one, as Vassberg and Jameson
+        do (J. Aircraft 47, 2010).
 
     Returns
     -------
@@ -252,14 +252,14 @@ def cambered_section(thickness: float, camber: float, reflex: float = 0.0) -> Se
     thickness : float
         Thickness in chords.
     camber : float
-        Of the camber line ``4 camber x (1 - x) (1 - reflex x)``; without reflex its largest height.
+        Factor of the camber line ``4 camber x (1 - x) (1 - reflex x)``; without reflex its largest height.
     reflex : float
         Above 1 the camber line turns up behind ``x = 1 / reflex``.
 
     Returns
     -------
     Section
-        The thickness is laid off vertically, so that the tangent at the nose is vertical.
+        The thickness is added vertically, so the tangent at the nose is vertical.
 
     Examples
     --------
@@ -281,7 +281,7 @@ def _naca_upper(thickness: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def naca_thickness(x: np.ndarray, thickness: float, *, is_closed: bool) -> np.ndarray:
-    """Half of the thickness of four-digit NACA sections at parts x of the chord, from 0 to 1 (chords)."""
+    """Half-thickness of four-digit NACA sections at fractions x of the chord, from 0 to 1 (chords)."""
     last = 0.1036 if is_closed else 0.1015
     y = 5.0 * thickness * (0.2969 * np.sqrt(x) - x * (0.1260 + x * (0.3516 - x * (0.2843 - x * last))))
     y[[0, -1] if is_closed else [0]] = 0.0
@@ -293,7 +293,7 @@ def _naca_nose_radius(thickness: float) -> float:
 
 
 def _spline(points: np.ndarray, nose_radius: float, side: float) -> CubicSpline:
-    """Cubic spline in chord length, with the vertical tangent at a blunt nose that one side cannot know."""
+    """Cubic spline in chord length, with the vertical tangent at a blunt nose, which one side does not determine."""
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     start = (1, [0.0, side]) if nose_radius > 0.0 else (2, [0.0, 0.0])
     return CubicSpline(arc, points, bc_type=(start, (2, [0.0, 0.0])))
@@ -308,8 +308,8 @@ def _arcs(curve: CubicSpline, factors: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _places(t: np.ndarray, arc: np.ndarray) -> tuple[CubicSpline, float]:
-    """Parameter of a curve by its arc length, which is returned as well."""
-    # at a nose the parameter goes as the arc, or as its root where there is no thickness: smooth in the root of the arc
+    """Parameter of a curve by its arc length, which is also returned."""
+    # at a nose the parameter varies as the arc, or as its root without thickness: smooth in the root of the arc
     return CubicSpline(np.sqrt(arc), t), arc[-1]
 
 
@@ -323,7 +323,7 @@ def _at_arcs(curve: CubicSpline, places: tuple[CubicSpline, float], fractions: n
 
 @dataclass(frozen=True)
 class Wing(OneLine):
-    """A wing whose tip is closed inside its planform.
+    """A wing with its tip closed inside its planform.
 
     Parameters
     ----------
@@ -336,18 +336,19 @@ class Wing(OneLine):
     tip_length : float, optional
         Length of span over which the tip is rounded (m); twice the thickness there by default.
     sections_between : sequence of (float, Section)
-        Sections between root and tip, each with its span position (m), from the root on: kinks of the planform, where
-        blocks end. Between two of them points are blended in the same manner; without one for the tip the last stays.
+        Sections between root and tip, each with its span position (m), from the root outwards: at kinks of the
+        planform, where blocks end. Between two of them points are blended in the same manner. Without a tip section the
+        last one continues.
 
     Raises
     ------
     InputError
-        If a section between is at no kink of the planform, or they are not in order.
+        If a section between is not at a kink of the planform, or they are not in order.
 
     Notes
     -----
     Over the last ``tip_length`` of the span, s from 0 to 1, the thickness is scaled by ``sqrt(1 - s^3)``: a blunt tip
-    without a jump in curvature, closed to the chord line, so that the tip is a line of the H-H topology.
+    without a jump in curvature, closed to the chord line, so the tip is a line of the H-H topology.
 
     Examples
     --------
@@ -385,7 +386,7 @@ class Wing(OneLine):
 
     @property
     def tip_radius(self) -> float:
-        """Radius of the rounded tip where the wing is thickest there (m): the limit of ``sqrt(1 - s^3)`` at s = 1."""
+        """Radius of the rounded tip at its greatest thickness (m): the limit of ``sqrt(1 - s^3)`` at s = 1."""
         half = 0.5 * self.outer_section.thickness * self.planform.tip_chord
         return 1.5 * half**2 / self.rounded_length if self.rounded_length > 0.0 else 0.0
 
@@ -396,7 +397,7 @@ class Wing(OneLine):
 
     @property
     def stations(self) -> np.ndarray:
-        """Span positions (m), at kinks too, dense towards the tip: the thickness goes as the root of the distance."""
+        """Span positions (m), with kinks, dense towards the tip, as thickness varies as the root of distance."""
         places, kinks = self.planform.semi_span * tip_clustered(_STATIONS), np.array(self.planform.kinks)
         is_near = np.abs(places[:, None] - kinks).min(axis=1, initial=np.inf) < 1e-3 * self.planform.semi_span
         return np.sort(np.concatenate([places[~is_near], kinks]))
@@ -430,7 +431,7 @@ class Wing(OneLine):
         return np.stack([planform.x(x, stations[:, None]), chord[:, None] * y], axis=-1)
 
     def place(self, sections: np.ndarray) -> np.ndarray:
-        """Points in space, shape (n_stations, n, 3), of points of all sections, shape (n_stations, n, 2)."""
+        """Points in space, shape (n_stations, n, 3), from points of all sections, shape (n_stations, n, 2)."""
         x, height = np.moveaxis(sections, 2, 0)
         return np.stack([x, height, np.broadcast_to(self.stations[:, None], x.shape)], axis=-1)
 
@@ -451,8 +452,8 @@ def surface_grid(
     kink_nodes: tuple[int, ...] = (),  # numbers along the span of the nodes at the kinks
 ) -> np.ndarray:
     """Divide one side of a wing into a surface grid."""
-    # returns (n_chord, n_span, 3), nodes. Those of the leading edge, the trailing edge and the tip have y = 0, those of
-    # the root z = 0, exactly
+    # returns (n_chord, n_span, 3), nodes. Exactly y = 0 at the leading edge, the trailing edge and the tip, and z = 0
+    # at the root
     n_chord, n_span = counts
     samples = _chordwise_lines(wing, side, n_chord, leading, trailing)
     panels = zip([0, *kink_nodes], [*kink_nodes, n_span - 1]) if kink_nodes else []
@@ -478,13 +479,13 @@ def _chordwise_lines(wing: Wing, side: int, n_chord: int, leading: float, traili
 def _divide_panels(
     line: np.ndarray, n: int, root: float, tip: float, ends: np.ndarray, cells: Sequence[int]
 ) -> np.ndarray:
-    """Divide a sampled line (m, 3), whose panels end at some samples and have some cells, by arc length."""
+    """Divide a sampled line (m, 3) by arc length, given the samples at ends of panels and the cells of each."""
     if len(cells) < 2:
         return _divide(line, n, root, tip)
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     whole = arc[-1] * stretch_lines(arc[-1:], n, root, tip)[0]
     middles = 0.5 * (whole[1:] + whole[:-1])
-    # intervals on both sides of a kink are what they would be there without it, and no ends wider than the mean
+    # intervals on both sides of a kink are as they would be without it, and end intervals no wider than the mean
     means = np.diff(arc[ends]) / cells
     at_kinks = np.minimum(np.interp(arc[ends[1:-1]], middles, np.diff(whole)), np.minimum(means[1:], means[:-1]))
     first, last = [min(root, means[0]), *at_kinks], [*at_kinks, min(tip, means[-1])]

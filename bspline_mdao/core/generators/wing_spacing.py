@@ -1,4 +1,4 @@
-"""Intervals next to a wing, and the outer boundary of the grid about it.
+"""Intervals next to a wing, and the outer boundary of its grid.
 
 Theory: ``docs/theory/generators.rst``.
 """
@@ -25,7 +25,7 @@ class Spacing(OneLine):
     Parameters
     ----------
     off_wall : float
-        First interval along the grid lines that leave the wing; near a blunt edge they come out up to 5 % shorter.
+        First interval along the grid lines that leave the wing; near a blunt edge it is up to 5 % shorter.
     leading, trailing, tip : float
         Intervals on both sides of the leading edge, the trailing edge and the tip, along the surface and away from it.
     root : float, optional
@@ -47,11 +47,11 @@ class Spacing(OneLine):
     root: float | None = None
 
     def widened(self, factor: float) -> Spacing:
-        """Make all intervals but the root's wider by a factor."""
+        """Widen all intervals except the root's by a factor."""
         return self._scaled(factor, factor, factor)
 
     def coarsened(self, shape: Sequence[int | Sequence[int]], enough: Sequence[int]) -> Spacing:
-        """Widen in proportion where a grid has fewer intervals in a direction than another, for which these are right.
+        """Widen in proportion if a grid has fewer intervals in a direction than another one for which these are right.
 
         Parameters
         ----------
@@ -79,11 +79,11 @@ class FarField(OneLine):
     Parameters
     ----------
     distance : float
-        From the wing to the outer boundary on all sides (m).
+        Distance from the wing to the outer boundary on all sides (m).
     spread : float
-        How far the lines that leave the edges of the wing have moved outwards at the outer boundary (m).
+        Outward displacement, at the outer boundary, of the lines that leave the edges of the wing (m).
     relaxation : float
-        Intervals at the outer boundary over those next to the wing. Where it is not 1 the grid lines curve.
+        Intervals at the outer boundary divided by those next to the wing. If it is not 1, the grid lines curve.
 
     Examples
     --------
@@ -98,5 +98,5 @@ class FarField(OneLine):
 
 
 def default_spacing(root_chord: float, shape: Sequence[int | Sequence[int]]) -> Spacing:
-    """Intervals next to a wing by its root chord (m) and the nodes per block: the paper's, wider on coarser grids."""
+    """Intervals next to a wing from its root chord (m) and the nodes per block: the paper's, wider on coarser grids."""
     return Spacing().widened(root_chord).coarsened(shape, _ENOUGH)

@@ -14,10 +14,10 @@ from .rims import KINDS, Rim
 from .surface import SurfaceMesh
 
 GROWTH = 1.2
-"""Of the cells of a box by those before them, away from the grid in it."""
+"""Growth of the cells of a box away from the grid in it."""
 
 MOST_NODES = 2e7
-"""Nodes of a box beyond which cells next to the grid in it are too fine for it."""
+"""Most nodes of a box; beyond, the cells next to the grid in it are too fine for it."""
 
 ALIGNED = 1e-6
 """Cosine between normals of planes up to which they are normal to each other."""
@@ -25,11 +25,11 @@ ALIGNED = 1e-6
 
 def with_background(
     grid: Grid,  # extruded
-    mesh: SurfaceMesh,  # its surface, and the rim of that
+    mesh: SurfaceMesh,  # its surface, and the surface's rim
     rim: Rim,
     distance: float,  # of the sides of the box from the surface (m)
 ) -> Grid:
-    """Add a box that ends at the planes of symmetry and is far elsewhere; the grid ends in it on patch ``overset``."""
+    """Add a box that ends at planes of symmetry and is far elsewhere; the grid ends in it on patch ``overset``."""
     if not (np.isfinite(distance) and distance > 0.0):
         raise InputError(f"extrusion: a background of {distance!r}; give its distance, a positive length")
     tops = [block.nodes[:, :, -2:] for block in grid.blocks]
@@ -65,7 +65,7 @@ def with_background(
 
 
 def _edges(nodes: np.ndarray) -> np.ndarray:
-    """Lengths of the edges of a face, (n_edges,); collapsed ones left out."""
+    """Lengths of the edges of a face, (n_edges,), without collapsed ones."""
     lengths = np.concatenate([np.linalg.norm(np.diff(nodes, axis=axis), axis=-1).ravel() for axis in (0, 1)])
     return lengths[lengths > 0.0]
 
@@ -92,7 +92,7 @@ def _bounding_planes(mesh: SurfaceMesh, rim: Rim) -> list[tuple[np.ndarray, np.n
 
 
 def _frame(normals: list[np.ndarray]) -> np.ndarray:
-    """Directions of the box, (3, 3), one a row: the normals, and what is nearest to the axes that are left over."""
+    """Directions of the box as rows, (3, 3): the normals, and the directions nearest to the remaining axes."""
     frame, free = np.zeros((3, 3)), [0, 1, 2]
     for normal in normals:
         axis = max(free, key=lambda d: abs(normal[d]))
@@ -108,7 +108,7 @@ def _frame(normals: list[np.ndarray]) -> np.ndarray:
 
 
 def _line(low: float, high: float, width: float, outer: list[float | None]) -> np.ndarray:
-    """Places that are even between two ends, and grow beyond these to outer ones where there are such."""
+    """Places evenly spaced between two ends, with growing intervals beyond them to outer ends, if given."""
     cells = max(1, round((high - low) / width))
     line, width = np.linspace(low, high, cells + 1), (high - low) / cells
     for edge, sign, end in zip(outer, (-1.0, 1.0), (low, high)):
@@ -123,7 +123,7 @@ def _line(low: float, high: float, width: float, outer: list[float | None]) -> n
 
 
 def _patches(grid: Grid, whole: Window, is_bounded: list[bool]) -> tuple[Patch, ...]:
-    """Patches of both: outer faces are overset, planes of symmetry the same, and the box has the far field."""
+    """Patches of both: outer faces become overset, planes of symmetry stay, and the box has the far field."""
     kept = [patch for patch in grid.patches if patch.kind in ("wall", "symmetry")]
     outer = [window for patch in grid.patches if patch.kind not in ("wall", "symmetry") for window in patch.windows]
     sides = [whole.face(side) for side in range(6)]

@@ -25,17 +25,17 @@ from .rings import fans_of
 from .surface import SurfaceMesh
 
 FAR = 20.0
-"""Outer distance by default, relative to the longest extent of the surface."""
+"""Default outer distance, relative to the longest extent of the surface."""
 
 NEAR = 0.5
-"""The same of a grid that ends in a background."""
+"""The same for a grid that ends in a background."""
 
 LAYERS = 64
-"""Number of layers by default."""
+"""Default number of layers."""
 
 OTHERS = Marching(mitre=1.0), Marching(dissipation=1.3, cycles=200), Marching(dissipation=2.0, cycles=200)
-"""What is tried where cells are inverted otherwise: caps that end in a point at sharp edges ask for mitres, thin wings
-on bodies and tips as thin as first cells for smoothing."""
+"""Settings to try if cells are inverted otherwise: caps that end in a point at sharp edges need mitres; thin wings on
+bodies, and tips as thin as first cells, need smoothing."""
 
 
 def extrude_surface(
@@ -60,8 +60,8 @@ def extrude_surface(
 ) -> Grid:
     """Make a volume grid from a multi-block surface grid by hyperbolic extrusion.
 
-    Blocks may be turned and oriented in any way, meet in nodes of any number of neighbours, close around to rings or
-    collapse to poles. Their rim may lie in planes of symmetry or be free.
+    Blocks may have any orientation, meet in nodes with any number of neighbours, close to rings or collapse to poles.
+    Their rim may lie in planes of symmetry or be free.
 
     Parameters
     ----------
@@ -72,54 +72,54 @@ def extrude_surface(
     layers : int, optional
         Layers of cells; 64 by default, unless ``growth`` is given.
     growth : float, optional
-        Height of a layer by that of the one below it. With ``layers``, the grid ends where they do; without, as many
-        layers are made as it takes.
+        Height of a layer relative to the layer below it. With ``layers``, the grid ends after so many layers; without,
+        it has as many layers as needed.
     outer : float, optional
-        Height of all layers (m), about; 20 times the longest extent of the surface by default, half of it with a
+        Approximate height of all layers (m); by default 20 times the longest extent of the surface, half of this with a
         background.
     symmetry : sequence of ``"x"``, ``"y"``, ``"z"`` or normals of shape (3,), optional
-        Planes of symmetry at the rim, by their normals. By default those planes in which the surface ends normally;
-        straight edges lie in many planes, so that theirs have to be given.
+        Planes of symmetry at the rim, by their normals. By default the planes in which the surface ends normally.
+        Straight edges lie in many planes, so their planes have to be given.
     constant : sequence of the same, optional
-        Planes that edges of the rim stay in, though the surface may not be normal to them.
+        Planes that edges of the rim stay in, although the surface may not be normal to them.
     periodic : sequence of the same, optional
-        Planes that edges of the rim lie in at both ends of the surface, which are the same but for a translation from
-        end to end, along the normal or oblique to it: their nodes go alike.
+        Planes that contain edges of the rim at both ends of the surface, which are the same up to a translation from
+        end to end, along the normal or oblique to it: their nodes move alike.
     splay : float
         Angle (degrees) by which free edges lean outwards, far from the surface.
     inward : bool
         Extrude to the inside of a closed surface, or below an open one.
     y_plus : float, optional
-        Height of the first cells in viscous units instead, estimated by the turbulent boundary layer at the end of a
+        Height of the first cells in viscous units instead, estimated from the turbulent boundary layer at the end of a
         flat plate (F. M. White, *Fluid Mechanics*, 7th ed., 2011, section 7.4).
     reynolds : float, optional
-        Reynolds number of `length`, for `y_plus`.
+        Reynolds number based on `length`, for `y_plus`.
     length : float, optional
-        Length that the Reynolds number is of, and that of the plate (m); the middle one of the sides of the surface's
-        box by default, the chord of most wings.
+        Reference length of the Reynolds number, and length of the plate (m). By default the middle one of the sides of
+        the surface's box, the chord of most wings.
     background : float, optional
-        Distance from the surface (m) of the sides of a box of cells that is added as the last block: an overset grid,
-        of which the far field is at the box. Its cells are as wide as those it meets at the outer boundary of the
-        others, and grow from there. It ends at planes of symmetry.
+        Distance from the surface (m) to the sides of a box of cells that is added as the last block. The result is an
+        overset grid with its far field at the box. The cells of the box are as wide as the cells that they meet at the
+        outer boundary of the other blocks, and grow from there. It ends at planes of symmetry.
     settings : Marching, optional
-        How the front marches; by default as suits most surfaces, and in three other ways where that inverts cells.
+        Settings of the marching; by default what suits most surfaces, and three other settings if that inverts cells.
     allow_invalid : bool
-        Give the grid even if cells of it are inverted.
+        Return the grid even if cells are inverted.
     progress : callable or bool, optional
-        Called with the fraction done, from 0 to 1, and what is being done; by default there is a bar on a terminal,
-        False turns that off.
+        Called with the fraction done, from 0 to 1, and a text about the current step. By default a terminal shows a
+        bar; False turns it off.
 
     Returns
     -------
     Grid
-        A right-handed block for each of the surface, k away from it. Patches ``wall``, ``farfield``, ``symmetry``
-        (``symmetry_2``, ... of further planes), ``constant``, ``periodic`` and ``edges``, the sides of free edges,
-        which count as far field. With a background, ``overset`` takes the place of all but walls and symmetry.
+        A right-handed block for each block of the surface, with k away from it. Patches are ``wall``, ``farfield``,
+        ``symmetry`` (``symmetry_2``, ... for further planes), ``constant``, ``periodic`` and ``edges``, the sides of
+        free edges, which count as far field. With a background, ``overset`` replaces all but walls and symmetry.
 
     Raises
     ------
     InputError
-        If the surface has branches, cells without area, or turns over; if heights do not fit; or if cells are inverted.
+        If the surface has branches or cells without area or turns over, if heights do not fit, or cells are inverted.
 
     References
     ----------
@@ -163,7 +163,7 @@ def extrude_surface(
 
 
 def plate_length(surface: Grid, length: float | None, reynolds: float | None) -> float:
-    """Length of the plate that y+ is of (m): that given, or the middle one of the sides of the surface's box."""
+    """Length of the plate for y+ (m): the given one, or the middle one of the sides of the surface's box."""
     if length is None:
         ends = [[edge(block.nodes.reshape(-1, 3), axis=0) for block in surface.blocks] for edge in (np.min, np.max)]
         return float(np.sort(np.max(ends[1], axis=0) - np.min(ends[0], axis=0))[1])
@@ -182,7 +182,7 @@ def _march(
     allow_invalid: bool,
     progress: Progress,
 ) -> March:
-    """March as is asked, or in the first way that inverts no cell; of ways that all do, the one that comes farthest."""
+    """March with given settings, or the first that invert no cell; if all do, with those that get farthest."""
     tries = []
     for each in (settings,) if settings else (Marching(), *OTHERS):
         tries.append(march(mesh, conditions, steps, each, False, progress))
@@ -209,7 +209,7 @@ def _require_valid(mesh: SurfaceMesh, found: March, unit: str, allow_invalid: bo
 
 
 def _volume(surface: Grid, mesh: SurfaceMesh, rim: Rim, found: March) -> Grid:
-    """The grid of a march, and its patches."""
+    """The grid from a march, with its patches."""
     blocks: list[Block] = []
     sides: dict[int, list[Window]] = {}
     for number, (block, ids) in enumerate(zip(surface.blocks, mesh.ids)):
@@ -228,14 +228,14 @@ def _volume(surface: Grid, mesh: SurfaceMesh, rim: Rim, found: March) -> Grid:
 
 
 def _walls(mesh: SurfaceMesh, number: int, shape: tuple[int, ...]) -> list[Window]:
-    """Windows of the first layer of a block's nodes that are no wake sheet."""
+    """Windows of the first layer of a block's nodes, without wake sheets."""
     mask = ~mesh.is_sheet[mesh.blocks == number].reshape([n - 1 for n in shape])
     mask = mask.T if mesh.is_turned[number] else mask
     return [Window(number, (*part.lo, 0), (*(n + 1 for n in part.hi), 0)) for part in decompose(mask)]
 
 
 def _rim_windows(number: int, ids: np.ndarray, rim: Rim, n_fronts: int) -> list[tuple[int, Window]]:
-    """Windows of a block's sides that are at the rim: the label of each, 0 of free edges."""
+    """Windows of a block's sides at the rim, each with its label, 0 for free edges."""
     windows = []
     for side, nodes in enumerate((ids[0], ids[-1], ids[:, 0], ids[:, -1])):
         labels = rim.kind_of(np.stack([nodes[:-1], nodes[1:]], axis=1))
@@ -251,7 +251,7 @@ def _rim_windows(number: int, ids: np.ndarray, rim: Rim, n_fronts: int) -> list[
 
 
 def _patch_name(rim: Rim, label: int) -> tuple[str, str]:
-    """Name and kind of the patch of a label of the rim."""
+    """Name and kind of the patch for a label of the rim."""
     if label == 0:
         return "edges", "farfield"
     kinds = [KINDS[rim.kinds[rim.planes == plane][0]] for plane in range(len(rim.normals))]

@@ -1,4 +1,4 @@
-"""The first layer of an extrusion: moves that have the height that was asked above every block.
+"""The first layer of an extrusion: displacements with the requested height above every block.
 
 Theory: ``docs/theory/extrusion.rst``.
 """
@@ -17,11 +17,11 @@ def with_exact_heights(
     moves: np.ndarray,  # (n, 3), of nodes, relative to the height
     nodes: np.ndarray,  # int (n_places,), the node of each place of a block's side
     areas: np.ndarray,  # (n_places, 3), area vectors there
-    projectors: np.ndarray,  # (n, 3, 3), onto what nodes may do
-    largest: np.ndarray,  # (n,), lengths that moves must not have
+    projectors: np.ndarray,  # (n, 3, 3), onto allowed moves of nodes
+    largest: np.ndarray,  # (n,), largest lengths of moves
 ) -> np.ndarray:  # (n, 3)
-    """Change moves by as little as has nodes in more than one place at the height 1 above each of them."""
-    # heights are measured along the sum of the area vectors of a block's quads around a node, `FirstCells`
+    """Change moves as little as possible to give nodes with several places the height 1 above each of them."""
+    # heights are measured along the sum of the area vectors of a block's quads around a node, see `FirstCells`
     found = moves.copy()
     order = np.argsort(nodes, kind="stable")
     normals = unit_vectors(areas[order], np.zeros(3), 1e-300)

@@ -11,16 +11,17 @@ import numpy as np
 from numba import njit
 
 SMOOTH_MITRE, SHARP_MITRE = 1.2, 1.35
-"""Mitres up to which faces around a node are chords of a smooth surface, turned by 67 degrees, whose height is that
-along its normal, and from which they meet in an edge, turned by 84 degrees: heights are those above each of them."""
+"""Mitres that separate smooth surfaces from edges. Up to the first, faces around a node are chords of a smooth surface,
+turned by 67 degrees, whose height is along its normal. From the second, turned by 84 degrees, they meet in an edge, and
+heights are above each of them."""
 
 LARGEST_MITRE = 2.0
-"""How far a node goes where faces meet in an edge, relative to the step: 2 at a wedge of 60 degrees, and not beyond."""
+"""Largest move of a node where faces meet in an edge, relative to the step: 2, as at a wedge of 60 degrees."""
 
 
 @njit(cache=True)
 def differences(x, starts, nodes, image, maps, shifts):
-    """Differences of all nodes to their neighbours, and lengths of these: (n_neighbours, 3), (n_neighbours,)."""
+    """Differences of all nodes to their neighbours, and their lengths: (n_neighbours, 3), (n_neighbours,)."""
     d = np.empty((len(nodes), 3))
     length = np.empty(len(nodes))
     for i in range(len(starts) - 1):
@@ -41,9 +42,10 @@ def differences(x, starts, nodes, image, maps, shifts):
 @njit(cache=True, error_model="numpy")
 def normals_and_areas(d, starts, is_edge):
     """Unit normals (n, 3), mitres (n,) and areas (n,) of nodes from the differences to their neighbours."""
-    # Normals of the faces around a node count by their angles there, so that they do not depend on how fine each is.
-    # A step of mitre times s along the normal leaves the planes of the faces by s, in the mean; that of nodes inside of
-    # smooth surfaces leaves by s the plane normal to the sum of area vectors. Where ``is_edge`` (n,) faces count apart.
+    # Normals of the faces around a node are weighted by their angles there, so they do not depend on the sizes of the
+    # faces. A step of mitre times s along the normal leaves the planes of the faces by s, on average. Inside smooth
+    # surfaces a node leaves by s the plane normal to the sum of area vectors. Where ``is_edge`` (n,) faces count
+    # separately.
     n = len(starts) - 1
     normals, mitres, areas = np.zeros((n, 3)), np.ones(n), np.zeros(n)
     for i in range(n):
@@ -65,7 +67,7 @@ def normals_and_areas(d, starts, is_edge):
         normals[i, 0], normals[i, 1], normals[i, 2] = sx / length, sy / length, sz / length
         mitre = min(angles / length, LARGEST_MITRE)
         edge = 1.0 if is_edge[i] else min(max((mitre - SMOOTH_MITRE) / (SHARP_MITRE - SMOOTH_MITRE), 0.0), 1.0)
-        # along the sum of area vectors the height of a smooth surface is measured, `FirstCells`
+        # the height above a smooth surface is measured along the sum of area vectors, see `FirstCells`
         slant = math.sqrt(ax * ax + ay * ay + az * az) * length / max(ax * sx + ay * sy + az * sz, 0.5 * area * length)
         mitres[i] = (1.0 - edge) * slant + edge * mitre
         areas[i] = area / ((hi - lo) * math.sin(2.0 * math.pi / (hi - lo)))
@@ -74,7 +76,7 @@ def normals_and_areas(d, starts, is_edge):
 
 @njit(cache=True)
 def smooth(values, starts, nodes, weight, cycles):
-    """Blend values (n,) with the means of their neighbours in place, so often."""
+    """Blend values (n,) with the means of their neighbours, in place, for some cycles."""
     for _ in range(cycles):
         before = values.copy()
         for i in range(len(values)):
@@ -87,7 +89,7 @@ def smooth(values, starts, nodes, weight, cycles):
 @njit(cache=True, error_model="numpy")
 def smallest_corner(x, y, quads):
     """Smallest triple product of unit edges of the cells between two fronts, each (n, 3), and its quad."""
-    # Corners of edges without length, at poles, are left out; what is no number is the smallest of all.
+    # Corners with edges of zero length, at poles, are left out; NaN counts as the smallest.
     least, worst = np.inf, -1
     for q in range(len(quads)):
         for c in range(4):

@@ -13,14 +13,14 @@ from ....errors import InputError
 from ..stretching import geometric_last
 
 LARGEST_GROWTH = 3.0
-"""Growth of layers beyond which a grid is none."""
+"""Growth of layers beyond which a grid is useless."""
 
 
 def layer_heights(
     first_cell: float,  # height of the first layer (m)
     layers: int | None,  # number of layers
-    growth: float | None,  # height of a layer by that of the one below
-    outer: float | None,  # height of all (m)
+    growth: float | None,  # height of a layer relative to the layer below
+    outer: float | None,  # total height (m)
 ) -> np.ndarray:  # (layers,), heights (m)
     """Heights of layers from two of the number of layers, their growth and the outer distance."""
     if outer is not None and not (np.isfinite(outer) and outer > 0.0):
@@ -33,12 +33,12 @@ def layer_heights(
         return first_cell * growth ** np.arange(layers)
     if outer is None or (layers is None and growth is None):
         raise InputError("extrusion: give two of the number of layers, their growth and the outer distance")
-    count = _count(first_cell, growth, outer) if layers is None else layers  # the last of so many ends at the distance
+    count = _count(first_cell, growth, outer) if layers is None else layers  # the last layer ends at the distance
     return first_cell * _growth(first_cell, count, outer) ** np.arange(count)
 
 
 def _count(first_cell: float, growth: float | None, outer: float) -> int:
-    """Layers that grow by no more and reach a distance."""
+    """Least number of layers with at most this growth that reach a distance."""
     parts = outer / first_cell
     count = parts if growth is None or growth == 1.0 else math.log1p(parts * (growth - 1.0)) / math.log(growth)
     return max(1, math.ceil(count - 1e-9))

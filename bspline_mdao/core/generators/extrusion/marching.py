@@ -22,7 +22,7 @@ from .step_system import FREE, assemble
 from .surface import SurfaceMesh
 
 LARGEST_STRETCH = 2.0
-"""How much a step is lengthened at most, so that layers have their heights in the mean."""
+"""Largest factor on a step that gives layers their heights on average."""
 
 ONSET = 0.4
 """Power of the layer with which dissipation sets in. With the root the smallest corner of the M6, at its tip, falls
@@ -39,22 +39,22 @@ class Marching(OneLine):
         Coefficient of Chan and Steger. 0.25 inverts cells at the tip of the M6; from 0.7 on the 1 % corner of the wing
         body is worse than pyHyp's.
     ratio : float
-        Longest step relative to the shortest edge at a node; a layer is made in as many steps as it takes.
+        Longest step relative to the shortest edge at a node; a layer is made in as many steps as needed.
     steps : int
-        Steps of a layer at most, the last as long as it has to be: lines that meet would ask for ever more.
+        Most steps of a layer, the last one as long as necessary: lines that meet would need ever more.
     explicit : float
-        Such a ratio of the first layer below which the heights of nodes are exact.
+        The same ratio of the first layer below which the heights of nodes are exact.
     blend : float
-        How much a cycle of smoothing blends areas with those of neighbours.
+        Weight with which a cycle of smoothing blends areas with the neighbours'.
     cycles : int
-        Such cycles at the last layer; none at the first. 50 invert cells where a thin wing meets a body, 100 at blunt
-        tips.
+        Number of such cycles at the last layer; there are none at the first. 50 invert cells where a thin wing meets a
+        body, 100 at blunt tips.
     mitre : float
         Power of mitres beyond the first layer: with 0 edges of convex surfaces become round, with 1 they stay sharp.
     tolerance : float
         Relative residual of the systems; 1e-5 moves no quantile of corners by 1e-3.
     iterations : int
-        Iterations of the solver at most.
+        Most iterations of the solver.
     retries : int
         Tries of a layer with inverted cells, each with twice the dissipation and half the ratio.
 
@@ -79,9 +79,9 @@ class Marching(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """What nodes may do, see `bspline_mdao.core.generators.extrusion.rims`."""
+    """Constraints of the nodes, see `bspline_mdao.core.generators.extrusion.rims`."""
 
-    # arrays are of the n nodes that march
+    # arrays are for the n marching nodes
     repeats: Repeats
     rings: Rings
     constraint: np.ndarray  # int (n,)
@@ -94,7 +94,7 @@ class Conditions:
 
 @dataclass(frozen=True, eq=False)
 class March:
-    """What a march gives, as far as it came."""
+    """Result of a march, as far as it got."""
 
     fronts: np.ndarray  # (n_layers + 1, n, 3) (m)
     corners: np.ndarray  # (n_layers,), smallest triple product of unit edges at corners of the cells of each layer
@@ -111,7 +111,7 @@ def march(
     conditions: Conditions,
     steps: np.ndarray,  # (n_layers,), heights of layers (m)
     settings: Marching,
-    through: bool,  # whether to go on where cells are inverted
+    through: bool,  # whether to continue if cells are inverted
     progress: Progress,
 ) -> March:
     """March over layers, all of them or up to the first with inverted cells."""
@@ -122,7 +122,7 @@ def march(
         tries = []
         for retry in range(settings.retries + 1):
             make = _layer if number else _first_layer
-            with np.errstate(all="ignore"):  # what is no number is seen as an inverted cell
+            with np.errstate(all="ignore"):  # NaN counts as an inverted cell
                 after, lengths = make(front, previous, conditions, step, level, settings, 2.0**retry)
             tries.append((*smallest_corner(fronts[-1], repeats.all(after), mesh.quads), after, lengths))
             if tries[-1][0] > 0.0:
@@ -139,14 +139,14 @@ def march(
 
 def _first_layer(
     front: np.ndarray,  # (n, 3), the surface
-    previous: np.ndarray,  # none, and as of a layer
+    previous: np.ndarray,  # none, then as for a layer
     conditions: Conditions,
     step: float,
     level: float,
     settings: Marching,
     effort: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Make the layer at the surface: where it is low, nodes do not see each other, and have their heights."""
+    """Make the layer at the surface: if it is low, nodes move independently and have their exact heights."""
     rings = conditions.rings
     d, lengths = differences(front, *rings)
     normals, mitres, areas = normals_and_areas(d, rings.starts, conditions.is_side)
@@ -167,14 +167,14 @@ def _layer(
     step: float,  # height of the layer (m)
     level: float,  # 0 at the first layer, 1 at the last
     settings: Marching,
-    effort: float,  # by how much dissipation is raised, and steps are shortened
+    effort: float,  # factor that raises dissipation and shortens steps
 ) -> tuple[np.ndarray, np.ndarray]:  # the next front, and lengths of differences at the last step
-    """Make a layer in as many steps as the shortest edges ask for."""
+    """Make a layer in as many steps as the shortest edges need."""
     rings, left = conditions.rings, 1.0
     for last in range(settings.steps - 1, -1, -1):
         d, lengths = differences(front, *rings)
         normals, mitres, areas = normals_and_areas(d, rings.starts, conditions.is_side & (level == 0.0))
-        # where three faces meet, offsets of all of them narrow the corners from layer to layer
+        # where three faces meet, the offsets of all of them narrow the corners from layer to layer
         rates = (mitres if level == 0.0 else mitres**settings.mitre) * _rates(areas, rings, level, settings)
         ratio = step * float((rates / np.minimum.reduceat(lengths, rings.starts[:-1])).max())
         part = left / max(1, math.ceil(left * ratio * effort / settings.ratio)) if last and np.isfinite(ratio) else left
@@ -186,7 +186,7 @@ def _layer(
         )  # fmt: skip
         move = system[2].copy()
         solve(rings.starts, rings.nodes, *system, move, settings.tolerance, settings.iterations)
-        # where the front widens, its volumes ask for less height than the layer has: in the mean it gets that
+        # where the front widens, its volumes give less height than the layer's; on average it gets the layer's
         asked, made = part * step * rates.mean(), float(dots(move, normals).mean())
         front, previous = front + min(asked / made, LARGEST_STRETCH) * move if made > 0.0 else front + move, lengths
         if part == left:
@@ -196,7 +196,7 @@ def _layer(
 
 
 def _rates(areas: np.ndarray, rings: Rings, level: float, settings: Marching) -> np.ndarray:
-    """Heights of nodes relative to the layer's: areas are smoothed, and where they are small, cells become higher."""
+    """Heights of nodes relative to the layer's: areas are smoothed, and small ones give higher cells."""
     volumes = areas.copy()
     smooth(volumes, rings.starts, rings.nodes, settings.blend, int(settings.cycles * level**2))
     rates = volumes / areas
@@ -204,7 +204,7 @@ def _rates(areas: np.ndarray, rings: Rings, level: float, settings: Marching) ->
 
 
 def _explicit(moves: np.ndarray, conditions: Conditions, largest: np.ndarray) -> np.ndarray:
-    """Moves of nodes that do not see each other, within their constraints, relative to the height."""
+    """Independent moves of nodes within their constraints, relative to the height."""
     allowed = conditions.projectors[np.where(conditions.constraint == FREE, 0, conditions.constraint)]
     moves = np.einsum("nij,nj->ni", allowed, moves)
     return with_exact_heights(moves, conditions.places, conditions.areas, allowed, largest)

@@ -1,4 +1,4 @@
-"""Nodes of periodic edges: each is another one but for a translation, and marches with it.
+"""Nodes of periodic edges: each is a translated copy of another one, and marches with it.
 
 Theory: ``docs/theory/extrusion.rst``.
 """
@@ -15,16 +15,16 @@ from ....errors import InputError
 from .surface import SurfaceMesh
 
 REPEATED = 1e-5
-"""Distance of nodes from where a translation puts others, relative to it, within which they are the same."""
+"""Distance between nodes and translated ones, relative to the translation, within which they are the same."""
 
 
 @dataclass(frozen=True, eq=False)
 class Repeats:
-    """Which nodes march, and how many times by which translation the others are off them."""
+    """Which nodes march, and by how many of which translations the others are off them."""
 
-    unknown: np.ndarray  # int (n,), number of the marching node in the place of each
+    unknown: np.ndarray  # int (n,), number of the marching node that represents each
     first: np.ndarray  # int (n_unknowns,), the node that marches
-    times: np.ndarray  # int (n, n_translations), how often each is translated off it
+    times: np.ndarray  # int (n, n_translations), how often each is translated from it
     translations: np.ndarray  # (n_translations, 3) (m)
 
     @classmethod
@@ -33,7 +33,7 @@ class Repeats:
         return cls(np.arange(n), np.arange(n), np.zeros((n, 0), np.int64), np.zeros((0, 3)))
 
     def joined(self, mesh: SurfaceMesh, nodes: np.ndarray, normal: np.ndarray) -> Repeats:
-        """With the nodes at both ends along a normal, (n_nodes,) of the mesh, as one."""
+        """The same with nodes at both ends along a normal, (n_nodes,) of the mesh, identified."""
         heights = mesh.points[nodes] @ normal
         is_high = heights > 0.5 * (heights.min() + heights.max())
         low, high = nodes[~is_high], nodes[is_high]
@@ -56,7 +56,7 @@ class Repeats:
 
     @property
     def n_shifts(self) -> int:
-        """Translations between neighbours: each forwards, backwards or not at all."""
+        """Number of translations between neighbours: each forwards, backwards or absent."""
         return int(3 ** len(self.translations))
 
     @property
@@ -67,7 +67,7 @@ class Repeats:
         return times.T.reshape(self.n_shifts, -1) @ self.translations
 
     def keys(self, of: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-        """Numbers of neighbours as nodes see them: the marching node times ``n_shifts``, and the translation."""
+        """Numbers of neighbours relative to nodes: the marching node times ``n_shifts``, plus the translation."""
         between = (self.times[neighbours] - self.times[of]) % 3
         powers = 3 ** np.arange(len(self.translations))[::-1]
         return self.unknown[neighbours] * self.n_shifts + between @ powers
@@ -77,5 +77,5 @@ class Repeats:
         return self.unknown[of] * (len(self.first) * self.n_shifts) + self.keys(of, neighbours)
 
     def all(self, front: np.ndarray) -> np.ndarray:
-        """All nodes, (n, 3), from those that march, (n_unknowns, 3)."""
+        """All nodes, (n, 3), from the marching ones, (n_unknowns, 3)."""
         return front[self.unknown] + self.times @ self.translations

@@ -1,4 +1,4 @@
-"""What holds at the rim of a surface: planes of symmetry, planes that edges stay in, and free edges.
+"""Conditions at the rim of a surface: planes of symmetry, planes that edges stay in, and free edges.
 
 Theory: ``docs/theory/extrusion.rst``.
 """
@@ -20,10 +20,10 @@ from .step_system import FREE
 from .surface import SurfaceMesh, half_edges
 
 FLATNESS = 1e-5
-"""Distance of nodes from a plane, relative to the extent of the rim, within which they are in it."""
+"""Distance from a plane, relative to the extent of the rim, within which nodes are in it."""
 
 NORMALITY = 0.9
-"""Mean cosine between edges off the rim and the normal of its plane, from which the surface ends normally in it."""
+"""Least mean cosine between edges off the rim and the normal of its plane for a surface that ends normally in it."""
 
 Plane = str | Sequence[float]
 """A coordinate direction ``"x"``, ``"y"`` or ``"z"``, or the normal of a plane."""
@@ -33,12 +33,12 @@ KINDS = ("free", "symmetry", "constant", "periodic")
 
 @dataclass(frozen=True, eq=False)
 class Rim:
-    """The edges at the rim, and what nodes may do there."""
+    """The edges at the rim, and the constraints of their nodes."""
 
     edges: np.ndarray  # int (n_edges, 2), nodes of each edge, the lower number first
     quads: np.ndarray  # int (n_edges, 4), the quad at each
     kinds: np.ndarray  # int (n_edges,), places in `KINDS`
-    planes: np.ndarray  # int (n_edges,), place of the normal of the plane of each; -1 of free ones
+    planes: np.ndarray  # int (n_edges,), place of the normal of the plane of each; -1 for free ones
     normals: np.ndarray  # (n_planes, 3), unit normals
 
     @classmethod
@@ -50,7 +50,7 @@ class Rim:
         constant: Sequence[Plane],
         periodic: Sequence[Plane],
     ) -> Rim:
-        """Find the rim; planes of symmetry are guessed where none are given: it ends normally there."""
+        """Find the rim; if no planes of symmetry are given, they are the planes in which it ends normally."""
         start, end, quad = half_edges(mesh.quads)
         both = np.sort(np.stack([start, end], axis=1), axis=1)
         pairs, first, counts = np.unique(both, axis=0, return_index=True, return_counts=True)
@@ -62,7 +62,7 @@ class Rim:
         return found._with_guesses(mesh, fans) if symmetry is None else found
 
     def _with_plane(self, mesh: SurfaceMesh, kind: str, plane: Plane) -> Rim:
-        """With the edges in the two planes of a normal that the surface lies between."""
+        """The rim with the edges in the two planes of a normal that bound the surface."""
         normal = _normal(plane)
         heights = mesh.points @ normal
         ends, near = heights[self.edges], FLATNESS * np.ptp(mesh.points, axis=0).max()
@@ -77,7 +77,7 @@ class Rim:
         return self._marked(inside, kind, normal)
 
     def _with_guesses(self, mesh: SurfaceMesh, fans: Fans) -> Rim:
-        """With planes of symmetry where whole loops of the rim, or smooth parts of it, end normally in a plane."""
+        """The rim with planes of symmetry in which whole loops of it, or smooth parts, end normally."""
         found = self
         corners = _turns(mesh.points, self.edges)
         for apart in (np.zeros(len(corners), bool), corners):
@@ -99,7 +99,7 @@ class Rim:
         return Rim(self.edges, self.quads, kinds, planes, np.vstack([self.normals, normal]))
 
     def _parts(self, chosen: np.ndarray, apart: np.ndarray) -> list[np.ndarray]:
-        """Edges among the chosen that hang together, but for nodes that keep them apart: numbers of each part."""
+        """Connected parts of the chosen edges, as numbers; some nodes separate parts."""
         numbers = np.flatnonzero(chosen)
         nodes, place = np.unique(self.edges[numbers], return_inverse=True)
         place = place.reshape(-1, 2)
@@ -110,14 +110,14 @@ class Rim:
         return [numbers[labels == label] for label in np.unique(labels)]
 
     def repeats(self, mesh: SurfaceMesh) -> Repeats:
-        """Nodes of periodic edges, as one where a translation puts them onto each other."""
+        """Nodes of periodic edges, identified if a translation maps them onto each other."""
         repeats = Repeats.none(len(mesh.points))
         for plane in np.unique(self.planes[self.kinds == KINDS.index("periodic")]):
             repeats = repeats.joined(mesh, np.unique(self.edges[self.planes == plane]), self.normals[plane])
         return repeats
 
     def rings(self, fans: Fans, repeats: Repeats) -> Rings:
-        """Neighbours of the nodes that march, completed at the rim."""
+        """Neighbours of the marching nodes, completed at the rim."""
         mirrors = np.eye(3) - 2.0 * self.normals[:, :, None] * self.normals[:, None, :]
         maps = np.concatenate([np.eye(3)[None], -np.eye(3)[None], mirrors])
         of_edges = np.where(self.kinds == KINDS.index("symmetry"), self.planes + 2, 1)
@@ -132,7 +132,7 @@ class Rim:
         return complete_rings(fans, kinds, maps, repeats.shifts)
 
     def _find(self, pairs: np.ndarray) -> np.ndarray:
-        """Numbers of the edges between pairs of nodes; -1 where there is none."""
+        """Numbers of the edges between pairs of nodes; -1 for none."""
         if not len(self.edges):
             return np.full(len(pairs), -1)
         n = self.edges.max() + 1
@@ -147,7 +147,7 @@ class Rim:
         return np.isin(self.kinds, [KINDS.index("symmetry"), KINDS.index("constant")])
 
     def constraints(self, repeats: Repeats) -> tuple[np.ndarray, np.ndarray]:
-        """Constraint of each node that marches, (n,), see `FREE`, and projectors, (n_projectors, 3, 3)."""
+        """Constraint of each marching node, (n,), see `FREE`, and projectors, (n_projectors, 3, 3)."""
         on_plane = np.zeros((len(repeats.first), max(1, len(self.normals))), bool)
         bound = self._is_bound
         on_plane[repeats.unknown[self.edges[bound]].ravel(), np.repeat(self.planes[bound], 2)] = True
@@ -158,7 +158,7 @@ class Rim:
         return constraint, np.array(projectors)
 
     def splay(self, mesh: SurfaceMesh, fans: Fans, repeats: Repeats, angle: float) -> np.ndarray:
-        """Part of a step that nodes at free edges go outwards, (n, 3) of those that march; fans are of all nodes."""
+        """Outward part of a step of marching nodes at free edges, (n, 3); fans are of all nodes."""
         outwards = np.zeros((len(repeats.first), 3))
         nodes = np.unique(repeats.unknown[self.edges[self.kinds == 0]])
         counts = np.diff(fans.starts)
@@ -179,7 +179,7 @@ class Rim:
 
 
 def _normal(plane: Plane) -> np.ndarray:
-    """Unit normal of a plane as a user gives it."""
+    """Unit normal of a plane in a user's notation."""
     if isinstance(plane, str) and plane in ("x", "y", "z"):
         return np.eye(3)["xyz".index(plane)]
     normal = np.asarray(plane, dtype=np.float64) if not isinstance(plane, str) else np.zeros(0)
@@ -189,7 +189,7 @@ def _normal(plane: Plane) -> np.ndarray:
 
 
 def _projector(normals: np.ndarray) -> np.ndarray:
-    """Projector onto the directions in all of some planes."""
+    """Projector onto the directions common to some planes."""
     if not len(normals):
         return np.eye(3)
     _, sizes, rows = np.linalg.svd(normals)

@@ -1,4 +1,4 @@
-"""The neighbours around every node of a surface, in order; mirror images and continuations complete those at rims.
+"""The neighbours around every node of a surface, in order, completed at rims by mirror images and continuations.
 
 Theory: ``docs/theory/extrusion.rst``.
 """
@@ -16,18 +16,18 @@ from .surface import SurfaceMesh
 
 
 class Rings(NamedTuple):
-    """Neighbours of every node, counterclockwise around the outward normal, and images of them beyond rims."""
+    """Neighbours of every node, counterclockwise around the outward normal, and their images beyond rims."""
 
     # The difference to neighbour k of node i is ``maps[image[k]] @ (x[nodes[k]] - x[i]) + shifts[image[k]]``
     starts: np.ndarray  # int (n + 1,)
     nodes: np.ndarray  # int (n_neighbours,)
-    image: np.ndarray  # int (n_neighbours,), 0 for a neighbour as it is
+    image: np.ndarray  # int (n_neighbours,), 0 for the neighbour itself
     maps: np.ndarray  # (n_maps, 3, 3)
     shifts: np.ndarray  # (n_maps, 3) (m)
 
 
 class Fans(NamedTuple):
-    """Neighbours of every node, counterclockwise; of nodes at the rim from one edge of it to the other."""
+    """Neighbours of every node, counterclockwise; for nodes at the rim from one edge of it to the other."""
 
     starts: np.ndarray  # int (n + 1,)
     nodes: np.ndarray  # int (n_neighbours,)
@@ -36,13 +36,13 @@ class Fans(NamedTuple):
 
 
 def fans_of(mesh: SurfaceMesh, repeats: Repeats) -> Fans:
-    """Sort the neighbours of the nodes that march; refuse nodes at which parts of the surface touch in a point."""
+    """Sort the neighbours of the marching nodes; refuse nodes at which parts of the surface touch in a point."""
     # around the corner of a quad, the neighbour after it is followed by the one before it
     quads = mesh.quads
     previous = np.roll(quads, 1, axis=1)
     previous = np.where(previous == quads, np.roll(quads, 2, axis=1), previous)
     following = np.roll(quads, -1, axis=1)
-    real = following != quads  # of a node that comes twice in a row, the second stands for both
+    real = following != quads  # of a node that occurs twice in a row, the second counts for both
     here, after, before = quads[real], following[real], previous[real]
     here, after, before = repeats.unknown[here], repeats.keys(here, after), repeats.keys(here, before)
     order = np.lexsort((after, here))
@@ -101,7 +101,7 @@ def _chain(n, corner_starts, after, before):
 
 def complete_rings(
     fans: Fans,
-    kinds: np.ndarray,  # int (n, 2), of nodes at the rim: map of the rim's edge first and last in the fan
+    kinds: np.ndarray,  # int (n, 2), for nodes at the rim: maps of the rim's edges first and last in the fan
     maps: np.ndarray,  # (n_maps, 3, 3): 0 the identity, 1 the inversion, others mirrors at planes
     shifts: np.ndarray,  # (n_shifts, 3), translations of neighbours (m)
 ) -> Rings:
@@ -113,7 +113,7 @@ def complete_rings(
 
 @njit(cache=True)
 def _complete(fan_starts, fan_nodes, fan_shift, is_open, kinds, n_shifts):
-    """Fill the rings; the image of a neighbour is its map times ``n_shifts``, and its translation."""
+    """Fill the rings; the image of a neighbour is its map times ``n_shifts``, plus its translation."""
     n = len(is_open)
     starts = np.zeros(n + 1, np.int64)
     nodes = np.empty(2 * len(fan_nodes), np.int64)
@@ -130,7 +130,7 @@ def _complete(fan_starts, fan_nodes, fan_shift, is_open, kinds, n_shifts):
                 nodes[at], image[at] = fan_nodes[lo], b * n_shifts + fan_shift[lo]
                 nodes[at + 1], image[at + 1] = fan_nodes[hi - 1], a * n_shifts + fan_shift[hi - 1]
                 at += 2
-            elif a != b or hi - lo == 2:  # a corner of more cells, or without a mirror
+            elif a != b or hi - lo == 2:  # a corner with more cells, or without a mirror
                 for k in range(lo, hi):
                     nodes[at], image[at] = fan_nodes[k], n_shifts + fan_shift[k]
                     at += 1

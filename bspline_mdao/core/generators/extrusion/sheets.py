@@ -1,4 +1,4 @@
-"""Wake sheets: parts of a surface that lie on another part of it, and are extruded to the other side.
+"""Wake sheets: parts of a surface that lie on another part of it and are extruded to the other side.
 
 Theory: ``docs/theory/extrusion.rst``.
 """
@@ -13,17 +13,17 @@ from scipy.spatial import cKDTree
 from ....base.numerics.vectors import lengths
 
 SAME = 1e-6
-"""Distance of quads, relative to the longest edge, within which they are on each other."""
+"""Distance of quads, relative to the longest edge, within which they lie on each other."""
 
 PAIRINGS = np.array([[0, 1, 2, 3], [0, 2, 1, 3], [0, 3, 1, 2]])
-"""How four quads at an edge may hang together, first with second and third with fourth."""
+"""Pairings of four quads at an edge, first with second and third with fourth."""
 
 
 def lie_on(
     corners: np.ndarray,  # (n_quads, 4, 3), corners of quads (m)
     at_sides: np.ndarray,  # bool (n_quads,), quads at sides of blocks, which every sheet has
-) -> np.ndarray:  # int (n_quads,), the quad that each lies on; -1 of others
-    """Find the quads that lie on each other, with corners in the same places."""
+) -> np.ndarray:  # int (n_quads,), the quad that each lies on; -1 for none
+    """Find the quads that lie on each other, with coincident corners."""
     found = np.full(len(corners), -1)
     for among in (at_sides, np.ones(len(corners), bool)):
         chosen = np.flatnonzero(among)
@@ -48,7 +48,7 @@ def sides_apart(
     quads: np.ndarray,  # int (n_quads, 4), places around each quad
     on: np.ndarray,  # int (n_quads,), see `lie_on`
 ) -> np.ndarray:  # int (n_places,)
-    """Number the nodes of both sides of sheets apart: places are one node that quads join which are side by side."""
+    """Number the nodes of both sides of sheets separately: places joined by adjacent quads are one node."""
     start, end = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
     quad = np.repeat(np.arange(len(quads)), 4)
     is_point = numbers[start] == numbers[end]
@@ -75,7 +75,7 @@ def sides_apart(
 
 
 def _paired(groups: np.ndarray, quad: np.ndarray, forward: np.ndarray, on: np.ndarray) -> np.ndarray:
-    """Pairs of half edges out of groups of four: of quads that do not lie on each other, and turn alike if some do."""
+    """Pairs of half edges from groups of four: of quads not on each other, with equal orientation if possible."""
     ways = groups[:, PAIRINGS].reshape(-1, 3, 2, 2)
     apart = (on[quad[ways[..., 0]]] != quad[ways[..., 1]]).all(axis=2)
     alike = (forward[ways[..., 0]] != forward[ways[..., 1]]).all(axis=2)

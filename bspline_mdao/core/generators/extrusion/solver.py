@@ -14,8 +14,8 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy")
 def solve(starts, nodes, diagonal, blocks, right, x, tolerance, most):
-    """Solve from the guess x, shape (n, 3), in place; gives the iterations and the relative residual."""
-    # ``diagonal`` (n, 9) and ``blocks`` (n_neighbours, 9) hold 3 x 3 blocks, rows first
+    """Solve from the guess x, shape (n, 3), in place; return the iterations and the relative residual."""
+    # ``diagonal`` (n, 9) and ``blocks`` (n_neighbours, 9) are 3 x 3 blocks, rows first
     inverse = _inverses(diagonal)
     r, y, v, z, t = np.empty_like(x), np.empty_like(x), np.empty_like(x), np.empty_like(x), np.empty_like(x)
     _product(starts, nodes, diagonal, blocks, x, v)

@@ -11,16 +11,16 @@ import numpy as np
 from numba import njit
 
 LARGEST_COSINE = 0.9
-"""Of half the angle of a corner, as the dissipation sees it: beyond, the dissipation would have no bound."""
+"""Bound of half the angle of a corner in the dissipation, which would otherwise be unbounded."""
 
 LEAST_SENSOR, LARGEST_SENSOR = 0.1, 4.0
-"""Bounds of the convergence of grid lines, as the dissipation sees it; the lower one is that of Chan and Steger."""
+"""Bounds of the convergence of grid lines in the dissipation; the lower one is Chan and Steger's."""
 
 LEAST_SINE = 0.1
-"""Of the angle between tangents of the front: a sharper one counts as this, so that their duals have a bound."""
+"""Bound of the angle between tangents of the front: a sharper one counts as this, which bounds their duals."""
 
 FREE = -1
-"""Constraint of nodes at free edges; 0 is that of all others without one, above are numbers of projectors."""
+"""Constraint of nodes at free edges; 0 means unconstrained, and larger numbers are projectors."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -57,7 +57,7 @@ def assemble(
                 coefficient[4 * r] -= 2.0 * weight
                 diagonal[i, 4 * r] += 2.0 * weight
             _add_neighbour(i, k, coefficient, maps[image[k]], image[k] != 0, diagonal, blocks)
-        # near the surface no pull into the body: at convex edges it would take back what the step gains
+        # near the surface no pull into the body: at convex edges it would undo the step
         inwards = min(pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2], 0.0) * (1.0 - level**4)
         for r in range(3):
             right[i, r] = (step - inwards) * normal[r] + pull[r]
@@ -73,7 +73,7 @@ def assemble(
 
 @njit(cache=True)
 def _follow(i, starts, nodes, image, maps, constraint, blocks):
-    """Let a node at a free edge go as its neighbours off the edge go, or as those on it where it has no other."""
+    """Let a node at a free edge move as its neighbours off the edge, or as those on it if it has no others."""
     inside = 0
     for k in range(starts[i], starts[i + 1]):
         inside += _is_there(maps[image[k]]) and constraint[nodes[k]] != FREE
@@ -84,13 +84,13 @@ def _follow(i, starts, nodes, image, maps, constraint, blocks):
 
 @njit(cache=True)
 def _is_there(image_map):
-    """Whether a neighbour is no mirror image, whose map has a trace of 1, and no continuation, of -3."""
+    """Whether a neighbour is neither a mirror image (trace of its map 1) nor a continuation (trace -3)."""
     return image_map[0, 0] + image_map[1, 1] + image_map[2, 2] > 2.0
 
 
 @njit(cache=True)
 def _dual_tangents(d, lo, hi, normal, a, b):
-    """Fill in the duals of the tangents of a front at a node, but for their common divisor, which is returned."""
+    """Write the duals of the tangents of a front at a node, without their common divisor, which is returned."""
     t, u = np.zeros(3), np.zeros(3)
     for k in range(lo, hi):
         angle = 2.0 * math.pi * (k - lo) / (hi - lo)
@@ -109,7 +109,7 @@ def _dual_tangents(d, lo, hi, normal, a, b):
 
 @njit(cache=True, error_model="numpy")
 def _strength(d, length, previous, k, opposite, normal, level):
-    """How much dissipation there is along a neighbour: more where lines converge and corners are concave."""
+    """Dissipation along a neighbour: more if lines converge and corners are concave."""
     sensor = (previous[k] + previous[opposite]) / (length[k] + length[opposite])
     sensor = min(max(sensor ** (2.0 / level), LEAST_SENSOR), LARGEST_SENSOR)
     cosine = 0.0
@@ -121,7 +121,7 @@ def _strength(d, length, previous, k, opposite, normal, level):
 
 @njit(cache=True)
 def _add_neighbour(i, k, coefficient, image_map, is_image, diagonal, blocks):
-    """Add the coefficient of a neighbour, which moves as the image of a node where it is one."""
+    """Add the coefficient of a neighbour, which moves as the image of a node if it is one."""
     if not is_image:
         for r in range(9):
             blocks[k, r] = coefficient[r]

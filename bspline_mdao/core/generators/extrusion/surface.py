@@ -20,7 +20,7 @@ from ....grids.topology.shell import Shell
 from .sheets import lie_on, sides_apart
 
 SMALLEST_AREA = 1e-12
-"""Area of a quad relative to its longest edge squared below which it has none: round-off of 8-byte reals is below."""
+"""Area of a quad, relative to its longest edge squared, that counts as zero: above round-off of 8-byte reals."""
 
 FLAT = 1e-9
 """Volume behind a surface relative to its area times its size below which it has no inside."""
@@ -32,15 +32,15 @@ class SurfaceMesh:
 
     source: str  # where the grid came from, for messages
     points: np.ndarray  # (n, 3), nodes of the surface, each once (m)
-    ids: tuple[np.ndarray, ...]  # int (ni, nj), of each block: number of the node at each place
+    ids: tuple[np.ndarray, ...]  # int (ni, nj), for each block: number of the node at each place
     is_turned: np.ndarray  # bool (n_blocks,), blocks whose i x j points inwards
-    quads: np.ndarray  # int (n_quads, 4), nodes around the outward normal; a node may come twice in a row
+    quads: np.ndarray  # int (n_quads, 4), nodes around the outward normal; a node may occur twice in a row
     blocks: np.ndarray  # int (n_quads,), block of each quad
     is_sheet: np.ndarray  # bool (n_quads,), quads of wake sheets, which lie on each other
 
     @property
     def is_side(self) -> np.ndarray:
-        """Whether nodes are at sides of blocks, or where a wake sheet begins, bool (n,)."""
+        """Whether nodes are at sides of blocks, or at the beginning of a wake sheet, bool (n,)."""
         found, of_wall = np.zeros((2, len(self.points)), bool)
         found[self.quads[self.is_sheet]] = True
         of_wall[self.quads[~self.is_sheet]] = True
@@ -69,7 +69,7 @@ class SurfaceMesh:
 
     @classmethod
     def of(cls, grid: Grid, inward: bool = False) -> SurfaceMesh:
-        """Join the blocks of a surface; of a closed one the normals point outwards, unless it is ``inward``."""
+        """Join the blocks of a surface; normals of a closed one point outwards, unless it is ``inward``."""
         fault = find_fault(grid.blocks)
         if fault:
             raise InputError(f"{grid.source}: {fault}; repair the surface")
@@ -111,7 +111,7 @@ def _flat_block(grid: Grid, number: int) -> np.ndarray:
 
 
 def _at_sides(ids: np.ndarray) -> np.ndarray:
-    """Whether places are at the sides of a block, of its shape."""
+    """Whether places are at the sides of a block, with its shape."""
     found = np.ones(ids.shape, bool)
     found[1:-1, 1:-1] = False
     return found
@@ -140,14 +140,14 @@ def _require_areas(
 
 
 def half_edges(quads: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Edges of quads in their sense of rotation, those without length left out: from, to, and the quad of each."""
+    """Edges of quads in their sense of rotation, without zero-length ones: from, to, and the quad of each."""
     start, end = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
     real = start != end
     return start[real], end[real], np.repeat(np.arange(len(quads)), 4)[real]
 
 
 def _turned_blocks(grid: Grid, quads: np.ndarray, blocks: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Blocks that are turned over, so that neighbours agree; the largest part of the surface stays as it is."""
+    """Blocks to turn over to make neighbours agree; the largest part of the surface stays unchanged."""
     start, end, quad = half_edges(quads)
     low, high = np.minimum(start, end), np.maximum(start, end)
     order = np.lexsort((low, high))
@@ -174,7 +174,7 @@ def _turned_blocks(grid: Grid, quads: np.ndarray, blocks: np.ndarray, points: np
     if len(wrong):
         edge = pair[wrong[0]]
         raise InputError(_of_edge(grid, points, low[edge], high[edge], "the surface turns over, as a Moebius strip"))
-    # of each part, what most of its cells are stays
+    # in each part, the orientation of most cells stays
     cells = np.bincount(blocks, minlength=n)
     for part in range(count):
         inside = labels == part
@@ -193,7 +193,7 @@ def _of_edge(grid: Grid, points: np.ndarray, a: int, b: int, what: str) -> str:
 
 
 def _points_inwards(points: np.ndarray, quads: np.ndarray) -> bool:
-    """Whether the volume behind a surface is negative; seen from its rim, which a plane of symmetry closes."""
+    """Whether the volume behind a surface is negative, seen from its rim, which a plane of symmetry closes."""
     start, end, _ = half_edges(quads)
     edges = np.sort(np.stack([start, end], axis=1), axis=1)
     unique, counts = np.unique(edges, axis=0, return_counts=True)
