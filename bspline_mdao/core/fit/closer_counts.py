@@ -1,9 +1,9 @@
 """More control points along the directions in which splines miss a grid by several of its cells.
 
-A residual that is much larger than the cells around it folds some of them when the grid moves. Where the fit of the
-numbers that are chosen from the grid alone has one, directions are raised whose grid lines are missed (`line_errors`),
-each class of joined directions by itself, until its lines are met or its limit is reached, as long as a mover can take
-the control mesh.
+A residual much larger than the cells around it folds some of them when the grid moves. If the fit with the numbers that
+are chosen from the grid alone has one, directions whose grid lines are missed (`line_errors`) are raised, each class of
+joined directions separately, until its lines are met or its limit is reached, as long as a mover can handle the control
+mesh.
 
 Theory: ``docs/theory/fit.rst``.
 """
@@ -26,7 +26,7 @@ from .settings import FITTING, FittingSettings
 
 @dataclass(frozen=True)
 class CloserCounts:
-    """Numbers of control points that come closer to a grid."""
+    """Numbers of control points that fit a grid more closely."""
 
     # factor_bytes: see `bspline_mdao.core.fit.control_counts.predict_factor_bytes`
 
@@ -34,7 +34,7 @@ class CloserCounts:
     factor_bytes: int | None
 
     def is_affordable(self, settings: FittingSettings = FITTING) -> bool:
-        """Whether least squares and a mover can take them."""
+        """Whether least squares and a mover can handle them."""
         if not is_affordable(self.counts.n_control, self.counts.orders, settings):
             return False
         return self.factor_bytes is None or self.factor_bytes <= settings.largest_factor
@@ -42,12 +42,12 @@ class CloserCounts:
 
 def closer_counts(
     topology: Topology,  # segments and their links
-    requested: RequestedCounts,  # directions of which numbers are asked for are left as they are
-    counts: ControlCounts,  # numbers that are chosen from the grid alone
+    requested: RequestedCounts,  # directions with requested numbers are left unchanged
+    counts: ControlCounts,  # numbers chosen from the grid alone
     sharing: FitNodes,  # nodes of the segments of this process; all processes call this
     nodes: np.ndarray,  # (n_rows, 3), its nodes (m)
     parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
-    most_per_node: float,  # one of those of the settings
+    most_per_node: float,  # one of the values in the settings
     settings: FittingSettings = FITTING,
 ) -> CloserCounts:
     """Raise numbers of control points where lines of the grid are missed."""
@@ -68,7 +68,7 @@ def closer_counts(
 
 
 def _open_classes(topology: Topology, requested: RequestedCounts, classes: np.ndarray) -> np.ndarray:
-    """Mark the classes of directions of which nothing is asked, shape (n_classes,)."""
+    """Mark the classes of directions without requests, shape (n_classes,)."""
     is_asked = np.array([requested.counts[segment.block] > 0 for segment in topology.segments])
     return ~np.isin(np.arange(classes.max() + 1), classes[is_asked])
 
@@ -79,7 +79,7 @@ def _lengths(topology: Topology) -> np.ndarray:
 
 
 def _of_classes(classes: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values of directions, shape (n_segments, 3), as one for each class, in which they are equal."""
+    """Values of directions, shape (n_segments, 3), as one for each class, within which they are equal."""
     result = np.zeros(classes.max() + 1, dtype=int)
     result[classes] = values
     return result
@@ -87,11 +87,11 @@ def _of_classes(classes: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def warn_of_misses(
     topology: Topology,  # segments and their links
-    counts: ControlCounts,  # numbers that are taken
-    found: CloserCounts | None,  # those that a mover could not take, if any
-    missed: float,  # largest error by the width of the cells
+    counts: ControlCounts,  # numbers in use
+    found: CloserCounts | None,  # numbers that a mover could not handle, if any
+    missed: float,  # largest error relative to the width of the cells
 ) -> str:
-    """Say that a grid is still missed by several cells, and what can be asked for."""
+    """Warning that a grid is still missed by several cells, with the request that would help."""
     what = f"the splines miss the grid by up to {missed:.3g} widths of its cells, which moves may fold"
     if found is None:
         return f"{what}; no more control points along the lines that they miss come closer"
@@ -106,9 +106,9 @@ def warn_of_misses(
 def request_for(
     topology: Topology,  # segments and their links
     counts: ControlCounts,  # numbers so far
-    wanted: np.ndarray,  # int (n_segments, 3), numbers that are no smaller
+    wanted: np.ndarray,  # int (n_segments, 3), numbers at least as large
 ) -> dict[int, tuple[int, ...]]:
-    """What to ask of blocks, by number from 1, for wanted numbers in all directions; of as few blocks as cover them."""
+    """Request by block number, from 1, for wanted numbers in all directions, with as few blocks as cover them."""
     classes, lengths = direction_classes(topology), _lengths(topology)
     is_met = np.zeros(classes.max() + 1, dtype=bool)
     request: dict[int, tuple[int, ...]] = {}
@@ -125,7 +125,7 @@ def request_for(
 
 
 def _whole(numbers: np.ndarray, orders: np.ndarray, lengths: np.ndarray, n_block: int) -> int:
-    """Number for a whole block of which each part gets at least what it is to have."""
+    """Number for a whole block that gives each part at least its number."""
     if n_block == 1:
         return 1
     spans = np.ceil((numbers + 1 - orders) * (n_block - 1) / (lengths - 1)).max()

@@ -1,12 +1,12 @@
-"""Numbers of control points and orders: how many, and of which order, each direction of each segment gets.
+"""Numbers of control points, and orders, in each direction of each segment.
 
 Directions that interfaces join form a class (`bspline_mdao.grids.topology.sharing.direction_classes`); a class has one
 number of control points and one order.
 
-Numbers that are chosen are such that a mover can take them. Linear elasticity factors a matrix of all control points in
-every increment, and keeps the factors where derivatives are asked for. That memory grows faster than the number of
-control points, and is known before there is a fit: from the topology and the numbers of control points alone, by the
-symbolic analysis of `bspline_mdao.base.sparse`.
+Chosen numbers are such that a mover can handle them. Linear elasticity factors a matrix of all control points in every
+increment, and keeps the factors if derivatives are needed. Their memory grows faster than the number of control points.
+It is known before there is a fit, only from the topology and the numbers of control points, by the symbolic analysis of
+`bspline_mdao.base.sparse`.
 
 Theory: ``docs/theory/fit.rst``.
 """
@@ -32,11 +32,11 @@ from .requested_counts import RequestedCounts, per_block
 from .settings import FITTING, FittingSettings
 
 HIGHEST_ORDER = 16
-"""Beyond it B-splines of 8-byte reals lose too many digits, and a fit takes long."""
+"""Highest order: beyond it B-splines of 8-byte reals lose too many digits, and a fit takes long."""
 
 CHOSEN, PART_OF_ALL, OF_ALL, PART_OF_NAMED, OF_NAMED = range(5)
-"""Levels of a number of control points, the highest of which counts where interfaces join directions: it is chosen, or
-asked of all blocks or of one by itself, and each of these for a part of a cut block or for a whole one."""
+"""Levels of a number of control points, the highest of which counts if interfaces join directions. It is chosen, or
+requested for all blocks or for a single one, and each of these for a part of a cut block or for a whole one."""
 
 FIRM = OF_ALL, OF_NAMED
 """Levels at which different counts are a contradiction."""
@@ -54,13 +54,13 @@ class ControlCounts:
 
 def choose_affordable_counts(
     topology: Topology,  # segments and their links
-    # see `choose_counts`. Where numbers are not given, spans are widened until a factor takes no more than the largest
+    # see `choose_counts`. If numbers are not given, spans are widened until a factor takes no more than the largest
     n_control: Any = None,
     order: int | None = None,
     settings: FittingSettings = FITTING,
 ) -> tuple[ControlCounts, int | None]:  # factor_bytes: see `predict_factor_bytes`
     """Numbers of control points and orders, and the memory of a factor of the mover's matrix."""
-    # `InputError` as `choose_counts`
+    # `InputError` as for `choose_counts`
     requested, most, cells = RequestedCounts.of(n_control, topology), settings.largest_factor, settings.cells_per_span
     counts = choose_counts(topology, requested, order, settings)
     n_bytes = predict_factor_bytes(topology, counts.n_control, settings)
@@ -72,7 +72,7 @@ def choose_affordable_counts(
 
 
 def predict_factor_bytes(
-    # segments, links and boundary. All of it is taken as given or fixed, but for planes of symmetry
+    # segments, links and boundary; all of it counts as given or fixed, except planes of symmetry
     topology: Topology,
     n_control: np.ndarray,  # int (n_segments, 3), control points of every segment
     settings: FittingSettings = FITTING,
@@ -94,18 +94,18 @@ def predict_factor_bytes(
 
 def choose_counts(
     topology: Topology,  # segments and their links
-    # control points of blocks, see `RequestedCounts.of`; no more than nodes are taken. What is asked of a block by
-    # itself goes before what is asked of all. Segments of a cut block share the block's number in proportion to their
-    # cells. Blocks that nothing is asked of follow those that they are joined to; the rest get about one span to four
-    # cells, fewer in blocks of millions of nodes; up to six nodes get two control points less, but three where they
-    # are, or all where an order is asked for
+    # control points of blocks, see `RequestedCounts.of`; at most as many as nodes. A request for a single block takes
+    # precedence over a request for all. Segments of a cut block share the block's number in proportion to their cells.
+    # Blocks without a request follow the blocks that they are joined to. The rest get about one span per four cells,
+    # fewer in blocks of millions of nodes. Up to six nodes get two control points less than nodes, but three nodes get
+    # three, and all get as many as nodes if an order is requested
     n_control: Any = None,  # optional
-    # order p, from 2 to `HIGHEST_ORDER`, for all directions, per direction, or per block and direction; lowered where a
-    # direction has fewer control points. None: 4, or 3 in short directions where the number of control points is
-    # chosen, too
+    # order p, from 2 to `HIGHEST_ORDER`, for all directions, per direction, or per block and direction; lowered if a
+    # direction has fewer control points. None: 4, or 3 in short directions if the number of control points is also
+    # chosen
     order: int | None = None,  # None, int, triple of int or sequence of triples
     settings: FittingSettings = FITTING,
-    cells: float | None = None,  # cells along a knot span where numbers are chosen; by default those of the settings
+    cells: float | None = None,  # cells along a knot span if numbers are chosen; by default from the settings
 ) -> ControlCounts:
     """Numbers of control points and orders of all segments, equal on both sides of every interface."""
     # `InputError` if numbers do not fit the blocks or each other
@@ -135,7 +135,7 @@ def choose_counts(
 
 @dataclass(frozen=True)
 class _Request:
-    """Request of one direction of a segment; an asked order of 0 is none."""
+    """Request for one direction of a segment; a requested order of 0 means none."""
 
     count: int
     order: int
@@ -175,12 +175,12 @@ def _request(
 
 
 def sound_order(n_nodes: int, settings: FittingSettings = FITTING) -> int:
-    """Order for so many nodes that rarely folds where their spacing varies a lot."""
+    """Order for a number of nodes that rarely folds where their spacing varies strongly."""
     return settings.short_order if n_nodes < settings.long else settings.long_order
 
 
 def _sound_count(n_nodes: int, order: int, settings: FittingSettings, cells: float) -> int:
-    """Control points of a direction with so many nodes."""
+    """Control points of a direction with a number of nodes."""
     if n_nodes <= settings.few_planes:
         return n_nodes if order else max(min(n_nodes, settings.short_order), n_nodes - 2)
     order = order or settings.long_order
@@ -188,7 +188,7 @@ def _sound_count(n_nodes: int, order: int, settings: FittingSettings, cells: flo
 
 
 def _warn_of_wide_spans(topology: Topology, cells: float, usual: float) -> Iterator[str]:
-    """Warn in one line where spans are wider than usual."""
+    """Warn in one line if spans are wider than usual."""
     if cells != usual:
         yield (
             f"a grid of {topology.n_nodes:,} nodes gets one span to {cells:.1f} cells instead of {usual}, so "
@@ -197,7 +197,7 @@ def _warn_of_wide_spans(topology: Topology, cells: float, usual: float) -> Itera
 
 
 def _warn_of_clipped(topology: Topology, requested: RequestedCounts) -> Iterator[str]:
-    """Warn in one line where a block has fewer nodes than control points were asked for."""
+    """Warn in one line if a block has fewer nodes than requested control points."""
     shapes = np.array(topology.shapes)
     places = [
         f"block {block + 1} {'ijk'[d]} ({shapes[block, d]})"
@@ -216,7 +216,7 @@ def _limit_size(
     is_open: np.ndarray,
     largest: int,
 ) -> Iterator[str]:
-    """Lower open counts in place until the least squares of interiors are of reasonable size; warn in one line."""
+    """Lower open counts in place until the least squares of interiors have reasonable size; warn in one line."""
     chosen = n_control.copy()
     for s in range(len(classes)):
         is_lower = np.zeros(3, dtype=bool)
@@ -235,12 +235,12 @@ def _limit_size(
 
 
 def is_affordable(n_control: np.ndarray, orders: np.ndarray, settings: FittingSettings = FITTING) -> bool:
-    """Whether least squares of all interiors are of reasonable size, for counts and orders of all segments."""
+    """Whether least squares of all interiors have reasonable size, for counts and orders of all segments."""
     return all(_gram_bytes(*segment) <= settings.largest_choice for segment in zip(n_control, orders))
 
 
 def _gram_bytes(n_control: np.ndarray, orders: np.ndarray) -> int:
-    """Bytes of the Gram matrix of an interior, banded with the longest direction outermost where that is less work."""
+    """Bytes of the Gram matrix of an interior, banded with the longest direction outermost if this is less work."""
     n_free = sorted(max(int(n) - 2, 1) for n in n_control)
     n_unknown, plane = math.prod(n_free), n_free[0] * n_free[1]
     bandwidth = (int(orders.max()) - 1) * (plane + n_free[0] + 1)
@@ -250,7 +250,7 @@ def _gram_bytes(n_control: np.ndarray, orders: np.ndarray) -> int:
 def _agree(
     topology: Topology, members: Sequence[tuple[int, int]], requests: Sequence[Sequence[_Request]]
 ) -> tuple[int, int]:
-    """Agree on the number of control points and the order of a class: of the highest level, the largest."""
+    """Agree on the number of control points and the order of a class: the largest of the highest level."""
     found = {(s, d): requests[s][d] for s, d in members}
     level = max(request.level for request in found.values())
     highest = {member: request for member, request in found.items() if request.level == level}
@@ -266,7 +266,7 @@ def _agree(
 def _disagreement(
     topology: Topology, first: tuple[int, int], first_request: _Request, other: tuple[int, int], other_request: _Request
 ) -> InputError:
-    """Name two blocks whose directions interfaces join and which ask for different numbers."""
+    """Name two blocks with different requested numbers in directions that interfaces join."""
     texts = []
     for (segment, d), request in ((first, first_request), (other, other_request)):
         block = topology.segments[segment].block
@@ -279,7 +279,7 @@ def _disagreement(
 
 
 def _faces_along(topology: Topology, segment: int, d: int) -> str:
-    """Names of the linked faces of a segment that hold direction ``d``."""
+    """Names of the linked faces of a segment that contain direction ``d``."""
     names = set()
     for link in topology.alike:
         for s, section in ((link.a, link.a_section), (link.b, link.b_section)):
@@ -290,7 +290,7 @@ def _faces_along(topology: Topology, segment: int, d: int) -> str:
 
 
 def _warn_of_lowered_orders(topology: Topology, orders: np.ndarray, result: np.ndarray) -> Iterator[str]:
-    """Warn in one line where a direction of several nodes got a lower order than asked for."""
+    """Warn in one line if a direction with several nodes got a lower order than requested."""
     lowest: dict[tuple[int, int], int] = {}
     for window, row in zip(topology.segments, result):
         for d in range(3):

@@ -23,13 +23,13 @@ from .problem import FitProblem, FitSolution, Progress, part_of, solve_fit
 from .settings import FITTING, FittingSettings
 
 _CHUNK = 2048
-"""Points at a time, so that their basis functions stay in the cache."""
+"""Points at a time: their basis functions stay in the cache."""
 
 _DAMPING = 1e-12
-"""Damping of the scaled normal equations for directions in which the mapping does not move, far below their entries."""
+"""Damping of the scaled normal equations for directions in which the mapping is constant, far below their entries."""
 
 CYCLE_COST = 6
-"""Time of a cycle relative to that of the least squares alone, about; most of it goes into the steps."""
+"""Approximate time of a cycle relative to the least squares; most of it goes into the steps."""
 
 
 def correct_parameters(
@@ -43,13 +43,13 @@ def correct_parameters(
     solve: Callable[..., FitSolution] = solve_fit,
     settings: FittingSettings = FITTING,
 ) -> tuple[list[np.ndarray], FitSolution]:  # parameters: the new parameters; solution: the fit for them
-    """Correct the parameters of a fit; knots stay as they are."""
+    """Correct the parameters of a fit; knots stay unchanged."""
     # A cycle, after Hoschek:
     # 1. Move the parameters of edges, faces and interiors towards the closest points of the spline, control points
     #    fixed.
-    # 2. A node that segments share is moved by the one that fits it; the others take over its parameters.
-    # 3. Solve the least squares anew, so that the control points are those that the nodes have for these parameters.
-    # 4. Drop a cycle that does not lower the RMS error, and end with it.
+    # 2. A node that segments share is moved by the segment that fits it; the others take over its parameters.
+    # 3. Solve the least squares again: control points fit the nodes for these parameters.
+    # 4. Drop a cycle that does not lower the RMS error, and stop.
     followers = _find_followers(problem)
     for cycle in range(cycles):
         moving = part_of(progress, cycle / cycles, (cycle + 1) / cycles)
@@ -95,20 +95,20 @@ def _move(
 def project(
     volume: Volume,  # orders and knots
     control_points: np.ndarray,  # (N0, N1, N2, 3), control points (m)
-    # parameters of the nodes of a whole section, its boundary included; the boundary stays
+    # parameters of the nodes of a whole section, including its boundary, which stays
     parameters: np.ndarray,  # (m0, m1, m2, 3)
     is_free: Sequence[bool],  # directions in which the section extends
     nodes: np.ndarray,  # (n, 3), inner nodes of the section, in C order (m)
     settings: FittingSettings = FITTING,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Move parameters so that the mapping comes closer to the nodes, by damped Gauss-Newton steps."""
-    # A node of an edge has one parameter to move, of a face two, of an interior three. One round:
-    # 1. Shorten the steps so that parameters stay strictly increasing along grid lines.
-    # 2. Try them where nodes are not close enough yet.
-    # 3. Take those that reduce the distance, with the steps from there.
-    # 4. Halve the others for the next round, so that no distance ever grows.
+    # A node of an edge has one parameter to move, a node of a face two, of an interior three. One round:
+    # 1. Shorten the steps to keep parameters strictly increasing along grid lines.
+    # 2. Try them where nodes are not yet close enough.
+    # 3. Accept those that reduce the distance, and compute the next steps there.
+    # 4. Halve the others for the next round, so no distance ever grows.
     # returns parameters (m0, m1, m2, 3): new parameters
-    # returns points (n, 3): the mapping at the inner ones (m)
+    # returns points (n, 3): the mapping at the inner parameters (m)
     inner = tuple(slice(1, -1) if free else slice(None) for free in is_free)
     parameters, free = parameters.copy(), np.flatnonzero(is_free)
     current = parameters[inner].reshape(-1, 3).copy()
@@ -224,7 +224,7 @@ def _cramer(A, r, out):
 
 @dataclass(frozen=True, eq=False)
 class _Follower:
-    """A section of a segment that is the same as an entity of another and takes over its parameters."""
+    """A section of a segment that equals an entity of another and takes over its parameters."""
 
     entity: Entity
     segment: int

@@ -1,11 +1,11 @@
 """The matrix A of ``x = A b``, Eq. (3), for one face, edge or interior, never assembled, and its derivatives.
 
-Nodes are sorted by span triple. Those of one triple form a *group*; they share the ``p_0 p_1 p_2`` control points.
-Products with A, its transpose and the Gram matrix ``A^T A`` are small dense products, one for each group.
+Nodes are sorted by span triple. Nodes with the same triple form a *group*; they share the ``p_0 p_1 p_2`` control
+points. Products with A, its transpose and the Gram matrix ``A^T A`` are small dense products, one for each group.
 
-A depends on the parameters of its nodes and on the knots on the edges of its block (`LiveMatrix`): the basis values of
-a direction on the node's parameter of that direction and on the local knots, these on the edge knots and on the other
-two parameters, Eqs. (4) and (5). Spans stay as they are.
+A depends on the parameters of its nodes and on the knots on the edges of its block (`LiveMatrix`). The basis values of
+a direction depend on the node's parameter of this direction and on the local knots. These depend on the edge knots and
+on the other two parameters, Eqs. (4) and (5). Spans are fixed.
 
 Theory: ``docs/theory/fit.rst``.
 """
@@ -24,10 +24,10 @@ from ..splines.volume import Volume, basis_products, partial_sums, sort_by_key, 
 from .edge_knots import edge_corners
 
 ACROSS = ConstantKnots.uniform(1, 1)
-"""Knots across a face or edge: the one function is 1."""
+"""Knots across a face or edge: the only function is 1."""
 
 _ROWS = 256
-"""Most rows of one dense product, so that they stay in the cache."""
+"""Most rows of one dense product, to stay in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class DesignMatrix:
     # control points and orders of the three directions; 1 and 1 across a face or edge
     n_control: tuple[int, int, int]
     orders: tuple[int, int, int]
-    node_order: np.ndarray  # int (n,), number of each sorted node in the order in which the nodes were given
+    node_order: np.ndarray  # int (n,), number of each sorted node in the given order of nodes
     values: np.ndarray  # (n, p0 + p1 + p2), basis values of the three directions of each sorted node
     starts: np.ndarray  # int (n_groups + 1,), first sorted node of each group
     firsts: np.ndarray  # int (n_groups, 3), first control point of each group in each direction
@@ -48,30 +48,30 @@ class DesignMatrix:
         return len(self.node_order), int(np.prod(self.n_control))
 
     def apply(self, control_points: np.ndarray) -> np.ndarray:
-        """Return ``A b``: points, shape (n, 3), of control points, shape (N0 N1 N2, 3)."""
+        """Return ``A b``: points, shape (n, 3), from control points, shape (N0 N1 N2, 3)."""
         points = np.empty((self.shape[0], 3))
         _apply(*self._kernel_arguments(), np.ascontiguousarray(control_points), points)
         return points
 
     def apply_transpose(self, bar: np.ndarray) -> np.ndarray:
-        """Return ``A^T r``: shape (N0 N1 N2, 3), of r, shape (n, 3)."""
+        """Return ``A^T r``: shape (N0 N1 N2, 3), from r, shape (n, 3)."""
         result = np.zeros((self.shape[1], 3))
         _apply_transpose(*self._kernel_arguments(), np.ascontiguousarray(bar), result)
         return result
 
     def bandwidth(self, columns: np.ndarray) -> int:
-        """Largest distance of two columns that meet in one node; ``columns`` as in `gram`."""
+        """Largest distance of two columns with entries in one row; ``columns`` as in `gram`."""
         return _bandwidth(self.n_control, self.orders, self.starts, self.firsts, columns)
 
     def gram(
         self,
-        columns: np.ndarray,  # int (N0 N1 N2,), column of each control point; -1 where it is no unknown
+        columns: np.ndarray,  # int (N0 N1 N2,), column of each control point; -1 if it is not an unknown
         n_columns: int,  # number of columns
-        bandwidth: int | None,  # none for a dense result
+        bandwidth: int | None,  # None for a dense result
     ) -> np.ndarray:
         """Gram matrix ``A^T A`` of the unknown control points."""
-        # returns (n_columns, n_columns) or (n_columns, bandwidth + 1), entry [j, i] (dense) or [j, i - j] (band) holds
-        # element (i, j), for i >= j alone
+        # returns (n_columns, n_columns) or (n_columns, bandwidth + 1); entry [j, i] (dense) or [j, i - j] (band) is
+        # element (i, j), only for i >= j
         gram = np.zeros((n_columns, n_columns if bandwidth is None else bandwidth + 1))
         _add_gram(self.n_control, self.orders, *self._basis_values(), columns, bandwidth is not None, gram)
         return gram
@@ -86,7 +86,7 @@ class DesignMatrix:
 def build_design_matrix(
     volume: Volume,  # orders and knots
     parameters: np.ndarray,  # (n, 3), parameters of the nodes
-    # false across a face or edge, where all nodes have the parameter 0 or all have 1
+    # false across a face or edge, where all nodes have the parameter 0, or all have 1
     is_free: Sequence[bool] = (True, True, True),
 ) -> DesignMatrix:
     """Sort nodes by span and evaluate the basis functions of Eq. (4)."""
@@ -102,7 +102,7 @@ def build_design_matrix(
 
 @dataclass(frozen=True, eq=False)
 class LiveMatrix:
-    """A design matrix that knows how it depends on parameters and knots."""
+    """A design matrix with its dependence on parameters and knots."""
 
     matrix: DesignMatrix
     parameters: np.ndarray  # (n, 3), parameters of the nodes, in sorted order
@@ -111,16 +111,16 @@ class LiveMatrix:
 
     @classmethod
     def of(cls, matrix: DesignMatrix, volume: Volume, parameters: np.ndarray, is_free: Sequence[bool]) -> LiveMatrix:
-        """Join a matrix with the parameters and knots that it was built from, see `build_design_matrix`."""
+        """Combine a matrix with the parameters and knots that it was built from, see `build_design_matrix`."""
         corners = tuple(edge_corners(knots) for knots in volume.knots)
         return cls(matrix, parameters[matrix.node_order], corners, tuple(np.flatnonzero(is_free).tolist()))
 
     def jvp(
         self,
-        d_parameters: np.ndarray,  # (n, 3), direction in the parameters, in the order in which the nodes were given
+        d_parameters: np.ndarray,  # (n, 3), direction in the parameters, in the given order of nodes
         d_corners: Sequence[np.ndarray],  # each (2, 2, N + p), direction in the edge knots
     ) -> list[DesignMatrix]:
-        """Differentiate the matrix; the result is a sum of design matrices: one for each free direction."""
+        """Differentiate the matrix; the result is a sum of design matrices, one for each free direction."""
         d_parameters, terms = d_parameters[self.matrix.node_order], []
         for d in self.free:
             values = self.matrix.values.copy()
@@ -132,11 +132,11 @@ class LiveMatrix:
 
     def vjp(
         self,
-        # cotangents at the nodes and the control points that they multiply
+        # cotangents at the nodes, and the control points that they belong to
         pairs: Sequence[tuple[np.ndarray, np.ndarray]],  # (n, 3) and (N0 N1 N2, 3)
     ) -> tuple[np.ndarray, list[np.ndarray]]:
         """Cotangents of parameters and edge knots of the sum of ``bar . (A b)`` over pairs of bar and b."""
-        # returns parameters_bar (n, 3): in the order in which the nodes were given
+        # returns parameters_bar (n, 3): in the given order of nodes
         # returns corners_bar each (2, 2, N + p)
         matrix, values_bar = self.matrix, np.zeros_like(self.matrix.values)
         for bar, points in pairs:
@@ -161,7 +161,7 @@ class LiveMatrix:
 
 
 def _cyclic(parameters: np.ndarray, d: int) -> np.ndarray:
-    """Parameters in the order (d, d + 1, d + 2) that the knots of direction d use."""
+    """Parameters in the order (d, d + 1, d + 2), as the knots of direction d use them."""
     return np.roll(parameters, -d, axis=1)
 
 
@@ -262,7 +262,7 @@ def _bandwidth(n_control, orders, starts, firsts, columns):
 
 @njit(cache=True, error_model="numpy")
 def _values_jvp(corners, d_corners, order, point, d_point, d_values):
-    """Write the change of the basis values of one direction, in the one variable that all moves with."""
+    """Write the change of the basis values of one direction with a single variable that everything depends on."""
     n_knots = corners.shape[2]
     T, slopes, d_T = np.empty(n_knots), np.empty((2, n_knots)), np.empty((n_knots, 1))
     work = np.empty((order, 2))
@@ -309,7 +309,7 @@ def _values_vjp(corners, order, point, values_bar, point_bar, corners_bar):
 
 @njit(cache=True, error_model="numpy")
 def _add_values_bar(orders, values, starts, firsts, node_order, bar, points, values_bar):
-    """Add the cotangent of the basis values for that of A b, node by node; ``points`` has shape (N0, N1, N2, 3)."""
+    """Add the basis values' cotangent for a cotangent of A b, node by node; ``points`` has shape (N0, N1, N2, 3)."""
     sums = np.empty((values.shape[1], 3))
     for group in range(len(firsts)):
         for q in range(starts[group], starts[group + 1]):

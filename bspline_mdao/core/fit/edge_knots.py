@@ -1,8 +1,8 @@
 """Knots on the edges of a block from the parameters of its nodes, section II.D, and their agreement at interfaces.
 
-Shared control points make neighbours one along an interface only if their bases are the same there: in every shared
-direction the same order and number of control points, and knots that are the same function of the other shared
-parameter, counted from the other end where one direction runs against the other.
+Shared control points make neighbours continuous along an interface only if their bases are the same there. In every
+shared direction, order and number of control points must be equal, and the knots the same function of the other shared
+parameter, counted from the other end if one direction runs against the other.
 
 Theory: ``docs/theory/fit.rst``.
 """
@@ -23,7 +23,7 @@ from ..splines.volume import Volume
 from .fit_nodes import FitNodes
 
 LARGEST_DIFFERENCE = 1e-6
-"""Knots may differ by so much, as those do that follow the 4-byte coordinates of two blocks."""
+"""Largest difference of equal knots, as between knots from the 4-byte coordinates of two blocks."""
 
 SAMPLES = 33
 """Places along a shared parameter at which knots are compared."""
@@ -32,8 +32,8 @@ KNOT_KINDS = ("curved", "constant")
 """Blend the knots of four parallel edges bilinearly, Eq. (5), or take the mean of all edges that interfaces join."""
 
 NARROWEST = 1e-10
-"""Knot spans narrower than this (coincident nodes on an edge) make the edge's knots lean towards uniform ones,
-since knots have to increase."""
+"""Knot spans narrower than this (coincident nodes on an edge) pull the edge's knots towards uniform ones, since knots
+have to increase."""
 
 LEANING = 1e-3
 """Weight of the uniform knots where an edge's own knots coincide."""
@@ -68,7 +68,7 @@ def edge_knots_jvp(parameters: np.ndarray, n_control: int, order: int, d_paramet
 
 
 def edge_knots_vjp(parameters: np.ndarray, n_control: int, order: int, bar: np.ndarray) -> np.ndarray:
-    """Transpose of `edge_knots_jvp`: from ``bar`` of the knots, shape (N + p,), to that of the parameters."""
+    """Transpose of `edge_knots_jvp`: from ``bar`` of the knots, shape (N + p,), to the parameters' cotangent."""
     n_spans = n_control + 1 - order
     is_narrow = _is_narrow(_interpolate(parameters, n_spans))
     inner_bar = (1 - LEANING * is_narrow) * bar[order:n_control]
@@ -105,7 +105,7 @@ def knots_of_segments(
     n_control: Sequence[Sequence[int]],  # three for every segment
     orders: Sequence[Sequence[int]],  # three for every segment
     kind: str = "curved",  # one of `KNOT_KINDS`
-    sharing: FitNodes | None = None,  # which segments this process has parameters of; all by default
+    sharing: FitNodes | None = None,  # segments whose parameters this process has; all by default
 ) -> list[tuple[Knots, ...]]:
     """Knots of all segments, the same on both sides of every interface. `InputError` if the kind is unknown."""
     here = range(len(topology.segments)) if sharing is None else sharing.here
@@ -127,7 +127,7 @@ def joined_corners(
     corners: list[list[np.ndarray]],  # each (2, 2, N + p), edge knots of every segment
     is_change: bool = True,  # whether they are changes, or cotangents, of knots; the map is symmetric
 ) -> list[list[np.ndarray]]:
-    """Replace edge knots by their mean over all edges that interfaces join, turned round where directions are."""
+    """Replace edge knots by their mean over all edges that interfaces join, reversed where directions are."""
     classes, members = directed_classes(topology), defaultdict(list)
     for (segment, d), (forwards, backwards) in zip(np.ndindex(classes.shape[:2]), classes.reshape(-1, 2)):
         mean = corners[segment][d].mean(axis=(0, 1))
@@ -147,7 +147,7 @@ def knots_of_segment(
     orders: Sequence[int],  # three
     kind: str = "curved",  # one of `KNOT_KINDS`
 ) -> tuple[Knots, ...]:
-    """Knots of the three directions of a segment by itself from the parameters on its twelve edges."""
+    """Knots of the three directions of a single segment from the parameters on its twelve edges."""
     if kind not in KNOT_KINDS:
         raise InputError(f'knots: "{kind}" is unknown; use one of {", ".join(KNOT_KINDS)} or give knots')
     return tuple(_direction_knots(parameters, d, int(n_control[d]), int(orders[d]), kind) for d in range(3))
@@ -183,7 +183,7 @@ def knots_of_segment_vjp(
 
 
 def _mean_of_edges(corners: np.ndarray) -> np.ndarray:
-    """Mean of the four edges on each of them: symmetric, so its own transpose."""
+    """Mean of the four edges, on each of them: symmetric, hence its own transpose."""
     return np.broadcast_to(corners.mean(axis=(0, 1)), corners.shape)
 
 
@@ -217,7 +217,7 @@ def require_agreement(
 
 
 def _difference(link: Link, d: int, volumes: Sequence[Volume]) -> str:
-    """Name the difference in direction d of the first section and its partner of the second; empty where they agree."""
+    """Difference in direction d of the first section and its partner of the second, in words; empty if they agree."""
     e, is_turned = link.orientation.perm[d], link.orientation.flip[d]
     a, b = volumes[link.a].knots[d], volumes[link.b].knots[e]
     if a.order != b.order:

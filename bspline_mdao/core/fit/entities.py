@@ -1,7 +1,7 @@
 """The corners, edges, faces and interiors of all segments in the order in which they are fitted, section II.D.
 
-Every node and every control point belongs to exactly one entity; an entity that several segments share belongs to the
-first of them. Where a section coincides with an earlier one (an interface, a collapsed face) it is not an entity.
+Every node and every control point belongs to exactly one entity. An entity that several segments share belongs to the
+first of them. A section that coincides with an earlier one (an interface, a collapsed face) is not an entity.
 
 Theory: ``docs/theory/fit.rst``.
 """
@@ -26,11 +26,11 @@ class Entity:
 
     segment: int  # number of the segment
     section: Section  # ends at which it lies; None in its free directions
-    rows: np.ndarray  # int (n,), numbers of its inner nodes, in C order; none where another process holds the segment
-    # ids of all control points of the section, its boundary included; ``M = 1`` in a direction that is not free
+    rows: np.ndarray  # int (n,), numbers of its inner nodes, in C order; none if another process has the segment
+    # ids of all control points of the section, including its boundary; ``M = 1`` in a direction that is not free
     control_ids: np.ndarray  # int (M0, M1, M2)
     unknown_ids: np.ndarray  # int (n_columns,), ids of the control points that it solves for
-    # place in ``unknown_ids`` of each control point of the section; -1 for those that earlier entities solve for
+    # place in ``unknown_ids`` of each control point of the section; -1 if an earlier entity solves for it
     columns: np.ndarray  # int (M0 M1 M2,)
 
     @property
@@ -53,17 +53,17 @@ class Entity:
         return _KINDS[sum(self.is_free)]
 
     def describe(self, names: Sequence[str]) -> str:
-        """Human name; ``names`` are those of the segments."""
+        """Readable name; ``names`` are the segments' names."""
         ends = [FACE_NAMES[2 * d + (end == -1)] for d, end in enumerate(self.section) if end is not None]
         return " ".join([names[self.segment], self.kind, *ends])
 
 
 def entities_in_order(
     control_ids: Sequence[np.ndarray],  # of int, control point ids of every segment
-    sharing: FitNodes,  # nodes of this process, and which of them are one
+    sharing: FitNodes,  # nodes of this process, and which of them coincide
     n_control_points: int,  # number of unique control points
 ) -> Iterator[Entity]:
-    """Corners, then edges, faces and interiors of all segments, each with what belongs to no earlier entity."""
+    """Corners, then edges, faces and interiors of all segments, each without what belongs to earlier entities."""
     source, points = sharing.source_rows(), _sample_points(sharing.topology)
     is_solved, is_seen = np.zeros(n_control_points, dtype=bool), np.zeros(1 + max(map(np.max, points)), dtype=bool)
     for n_free in range(4):
@@ -80,14 +80,14 @@ def entities_in_order(
 
 
 def _sample_points(topology: Topology) -> list[np.ndarray]:
-    """Number points that stand for the nodes of each section: up to three a direction, those that are one alike."""
-    # Links and collapses join whole sections, so that one inner node tells of all.
+    """Number points that represent the nodes of each section: up to three per direction, coincident ones alike."""
+    # Links and collapses join whole sections, so one inner node represents all.
     shapes = [tuple(min(n, 3) for n in segment.shape) for segment in topology.segments]
     return shared_ids(shapes, topology.links, topology.collapses, topology.segment_names)
 
 
 def _number_unknowns(control_ids: np.ndarray, is_solved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unknown control points, the longest direction outermost so that the band of the Gram matrix is narrow."""
+    """Unknown control points, with the longest direction outermost for a narrow band of the Gram matrix."""
     axes = np.argsort([-n for n in control_ids.shape], kind="stable")
     places = np.arange(control_ids.size).reshape(control_ids.shape).transpose(axes).ravel()
     places = places[~is_solved[control_ids.ravel()[places]]]

@@ -27,19 +27,19 @@ from .settings import FITTING
 from .validity import corner_measures, first_marked, folded_cells
 
 FEWER = "fewer control points leave fewer of them (n_control, --n-control)"
-"""Advice where the grid is not folded and control points have fallen back already."""
+"""Advice if the grid is not folded and control points have already fallen back."""
 
 MOST_NAMED = 50
-"""Invalid control elements that a report names, the worst first."""
+"""Most invalid control elements that a report names, the worst first."""
 
 
 def report_errors(
-    problem: FitProblem,  # what was fitted with what
+    problem: FitProblem,  # the fit
     block_names: Sequence[str],  # name of every block
     parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
-    nodes: np.ndarray,  # (n_rows, 3), the nodes of this process (m); the report is of the nodes of all
+    nodes: np.ndarray,  # (n_rows, 3), the nodes of this process (m); the report covers the nodes of all
     solution: FitSolution,
-) -> FitReport:  # its warnings are those of the solution and one, the last, where the control mesh is invalid
+) -> FitReport:  # with the solution's warnings, and a last one if the control mesh is invalid
     """Report errors, invalid control elements and the fallback of a fit."""
     topology, sharing = problem.topology, problem.sharing
     nodes, fitted = nodes[: sharing.n_owned], solution.fitted[: sharing.n_owned]
@@ -76,7 +76,7 @@ def report_errors(
 def _compare(
     problem: FitProblem, nodes: np.ndarray, weights: np.ndarray | None, least_squares: FitSolution | None
 ) -> Fallback | None:
-    """Count what the control points are, and measure the least squares that they are not; None where they are."""
+    """Count candidates in use, and measure the least squares that they replace; None if all are least squares."""
     if weights is None:
         return None
     n_points = np.bincount(weights.argmax(axis=1), minlength=len(CANDIDATES)).tolist()
@@ -92,7 +92,7 @@ def _compare(
 
 
 def _gathered(comm: Any, items: list) -> list:
-    """Items of all processes, those of the first one first."""
+    """Items of all processes, in the order of processes."""
     return items if comm.size == 1 else [*chain.from_iterable(comm.allgather(items))]
 
 
@@ -108,8 +108,8 @@ def mean_edge(
     shapes: Sequence[tuple[int, ...]],  # shapes of the blocks
     nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
     comm: Any = ONE,  # communicator, processes that have some blocks each
-) -> float:  # 0 where no edge has a length
-    """Mean length of the cell edges of a grid that have a length."""
+) -> float:  # 0 if no edge has a length
+    """Mean length of the cell edges of a grid with non-zero length."""
     total, count = 0.0, 0
     for block in BlockLayout.of(shapes).split(nodes):
         length, n_edges = _edge_sum(block)
@@ -120,7 +120,7 @@ def mean_edge(
 
 @njit(cache=True)
 def _edge_sum(nodes):
-    """Total length and number of the edges of a block that have a length."""
+    """Total length and number of the edges of a block with non-zero length."""
     n_0, n_1, n_2 = nodes.shape[:3]
     total, count = 0.0, 0
     for i in range(n_0):
@@ -138,7 +138,7 @@ def _edge_sum(nodes):
 
 
 def _worst_node(sharing: FitNodes, distances: np.ndarray) -> WorstNode:
-    """Find the node with the largest error, the first one of those that are equally bad."""
+    """Find the node with the largest error, the first one of equally bad nodes."""
     worst = []
     if len(distances):
         row = int(np.argmax(distances))
@@ -157,7 +157,7 @@ def count_invalid(problem: FitProblem, solution: FitSolution) -> int:
 def _find_invalid(
     problem: FitProblem, parameters: Sequence[np.ndarray], nodes: np.ndarray, control_points: np.ndarray
 ) -> tuple[int, tuple[InvalidElement, ...]]:
-    """Count the invalid elements of all control meshes and name the worst, and folded cells of the grid in them."""
+    """Count the invalid elements of all control meshes; name the worst, and folded cells of the grid in them."""
     measures = corner_measures(problem.mesh.nets(control_points))
     count = sum(int((~(measure > 0.0)).sum()) for measure in measures)
     if not count:
@@ -183,7 +183,7 @@ def _find_invalid(
 def _warn_of_invalid(
     problem: FitProblem, solution: FitSolution, n_invalid: int, invalid: Sequence[InvalidElement]
 ) -> Iterator[str]:
-    """Say where the control mesh is invalid, and what mends it."""
+    """Warning about where the control mesh is invalid, with the remedy."""
     if n_invalid:
         worst, n_elements = invalid[0], sum(_n_elements(volume.n_control) for volume in problem.mesh.volumes)
         yield (
@@ -198,7 +198,7 @@ def _n_elements(n_control: Sequence[int]) -> int:
 
 
 def _advise(problem: FitProblem, solution: FitSolution, invalid: Sequence[InvalidElement]) -> str:
-    """Say what mends the control mesh of this fit."""
+    """Remedy for the control mesh of this fit."""
     folded = next(((element.folded_cell, element.name) for element in invalid if element.folded_cell), None)
     reason = ""
     if folded:
@@ -213,5 +213,5 @@ def _advise(problem: FitProblem, solution: FitSolution, invalid: Sequence[Invali
 
 
 def _is_high(shape: Sequence[int], volume: Volume) -> bool:
-    """Whether an order is higher than what short directions take without folds."""
+    """Whether an order is higher than short directions allow without folds."""
     return any(order > sound_order(n_nodes) for n_nodes, order in zip(shape, volume.orders) if n_nodes < FITTING.long)

@@ -1,8 +1,8 @@
-"""The nodes that a process fits: those of its blocks, and those of other processes that they are one with.
+"""The nodes that a process fits: nodes of its blocks, and coincident nodes of other processes.
 
-A fit deals whole blocks out. Nodes that blocks share belong to the first segment that holds them, whose process is
-their *home*; a process that needs them from elsewhere keeps a place for them behind its own nodes. What is computed at
-home is fetched, what is computed elsewhere is put there. A process that is alone has all nodes, and sends nothing.
+A fit distributes whole blocks. Nodes that blocks share belong to the first segment that has them, whose process is
+their *home*. A process that needs nodes from elsewhere keeps places for them after its own nodes. Values computed at
+home are fetched, values computed elsewhere are put there. A single process has all nodes, and sends nothing.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -28,24 +28,24 @@ __all__ = ["FitNodes", "whole_blocks"]
 
 
 def whole_blocks(topology: Topology, n_ranks: int) -> Partition:
-    """Deal the blocks of a grid out to processes without cutting one."""
+    """Distribute the blocks of a grid over processes without cutting any."""
     return Partition.of(topology, n_ranks, imbalance=math.inf)
 
 
 @dataclass(frozen=True, eq=False)
 class FitNodes:
-    """Nodes of the blocks of a process, in the order of its partition, and then those that it needs from others."""
+    """Nodes of the blocks of a process, in the order of its partition, then the nodes that it needs from others."""
 
     topology: Topology  # topology of the grid
     comm: Any  # the processes
     blocks: tuple[int, ...]  # blocks of this process, in the order of its nodes
     here: tuple[int, ...]  # segments of these blocks
-    # of every segment of this process, the numbers of its nodes; of others, of shape (0, 0, 0)
+    # the numbers of the nodes of every segment of this process; of shape (0, 0, 0) for others
     rows: tuple[np.ndarray, ...]
-    is_evaluated: tuple[np.ndarray, ...]  # true where the segment is the first of the grid to hold the node
-    # numbers of nodes that are copies, and of those that they copy, by ascending first ones
+    is_evaluated: tuple[np.ndarray, ...]  # true if the segment is the first of the grid with the node
+    # numbers of nodes that are copies, ascending, and of the nodes that they copy
     copies: np.ndarray  # int (n_copies, 2)
-    # numbers of nodes of the blocks, and of all, those from elsewhere included
+    # numbers of nodes of the blocks, and of all nodes, including those from elsewhere
     n_owned: int
     n_rows: int
     homes: tuple[int, ...]  # process of every block
@@ -58,10 +58,10 @@ class FitNodes:
         cls,
         topology: Topology,  # topology of the grid
         comm: Any = ONE,  # the processes
-        # which blocks each of them has, none of them cut; by default those that `whole_blocks` gives it
+        # blocks of each process, none of them cut; by default from `whole_blocks`
         partition: Partition | None = None,
     ) -> FitNodes:
-        """Deal the blocks of a grid out to processes, all of which call this."""
+        """Distribute the blocks of a grid over processes, all of which call this."""
         if comm.size == 1:
             sharing, n_blocks, n = node_sharing(topology), len(topology.shapes), topology.n_nodes
             blocks, segments = tuple(range(n_blocks)), tuple(range(len(topology.segments)))
@@ -99,7 +99,7 @@ class FitNodes:
         asked = self.comm.alltoall([numbering.rows[numbers] for numbers in wanted])
         is_copy = np.zeros(numbering.n_nodes, dtype=bool)
         is_copy[numbering.copies[:, 0]] = True
-        # a node whose first segment is in one of these blocks is evaluated by that segment, so by the first that has it
+        # a node whose first segment is in one of these blocks is evaluated by it, so by the first that has the node
         order = np.full(numbering.n_nodes, -1)
         for number in reversed(self.here):
             order[self.rows[number]] = number
@@ -122,30 +122,30 @@ class FitNodes:
         return BlockLayout.of(self.topology.shapes[block] for block in self.blocks)
 
     def by_blocks(self, values: np.ndarray) -> dict[int, np.ndarray]:
-        """Cut values of nodes, shape (n_rows, ...), up into those of the blocks of this process, each (n, ...)."""
+        """Split values of nodes, shape (n_rows, ...), by the blocks of this process, each (n, ...)."""
         return {block: values[part] for block, part in zip(self.blocks, self.layout.slices)}
 
     def source_rows(self) -> np.ndarray:
-        """Number that stands for each node, shape (n_rows,): its own, or that of the node that it is a copy of."""
+        """Number that represents each node, shape (n_rows,): its own, or its original's if it is a copy."""
         source = np.arange(self.n_rows)
         source[self.copies[:, 0]] = self.copies[:, 1]
         return source
 
     def with_places(self, values: np.ndarray) -> np.ndarray:
-        """Add places for the nodes of others to values of the nodes of the blocks, shape (n_owned, ...)."""
+        """Append places for the nodes of others to values of the nodes of the blocks, shape (n_owned, ...)."""
         if self.n_rows == self.n_owned:
             return values
         return np.concatenate([values, np.zeros((self.n_rows - self.n_owned, *values.shape[1:]), values.dtype)])
 
     def fetch(self, values: np.ndarray) -> np.ndarray:
-        """Write what other processes have at their nodes, in place; values are of shape (n_rows, ...)."""
+        """Write the values of other processes at their nodes, in place, shape (n_rows, ...)."""
         if self.comm.size > 1:
             for numbers, received in zip(self.wanted, self.comm.alltoall([values[numbers] for numbers in self.given])):
                 values[numbers] = received
         return values
 
     def put(self, values: np.ndarray, is_made: np.ndarray) -> None:
-        """Send what was made here for nodes of others to their homes, and take what was made elsewhere, in place."""
+        """Send values computed here for nodes of others to their homes, and receive such values, in place."""
         if self.comm.size > 1:
             sent = [(is_made[numbers], values[numbers]) for numbers in self.wanted]
             for numbers, (is_sent, received) in zip(self.given, self.comm.alltoall(sent)):
@@ -153,7 +153,7 @@ class FitNodes:
                 is_made[numbers] |= is_sent
 
     def add_back(self, values: np.ndarray) -> np.ndarray:
-        """Transpose of `fetch`: add what is at nodes of others to what their homes have, in place, and clear it."""
+        """Transpose of `fetch`: add values at nodes of others to their homes' values, in place, and clear them."""
         if self.comm.size > 1:
             received = self.comm.alltoall([values[numbers] for numbers in self.wanted])
             values[self.n_owned :] = 0.0
@@ -162,19 +162,19 @@ class FitNodes:
         return values
 
     def copy_shared(self, values: np.ndarray) -> np.ndarray:
-        """Give every node that is a copy the value of the one that it copies, in place."""
+        """Give every copy the value of its original, in place."""
         self.fetch(values)
         values[self.copies[:, 0]] = values[self.copies[:, 1]]
         return values
 
     def from_owners(self, ids: np.ndarray, values: np.ndarray) -> None:
-        """Write values of which each process has made some, numbers ``ids`` of them, on all processes, in place."""
+        """Write values, of which each process has computed those numbered ``ids``, on all processes, in place."""
         if self.comm.size > 1:
             for numbers, made in self.comm.allgather((ids, values[ids])):
                 values[numbers] = made
 
     def of_all_segments(self, local: Sequence) -> list:
-        """Items of all segments, on all processes, from those of its own segments that each process gives."""
+        """Items of all segments, on all processes, from the items that each process gives for its own segments."""
         if self.comm.size == 1:
             return list(local)
         items: list = [None] * len(self.topology.segments)

@@ -136,8 +136,8 @@ def fit_grid(
     Warns
     -----
     FitWarning
-        If control elements are invalid: once, at the caller's line, with what mends it. If faces of blocks nearly meet
-        and are not joined: once as well, with the worst place.
+        If control elements are invalid: once, at the caller's line, with the remedy. Also if faces of blocks nearly
+        meet and are not joined: once, with the worst place.
 
     Examples
     --------
@@ -168,10 +168,10 @@ def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool 
     """Fit a grid on several processes, all of which call this; each reads and fits whole blocks.
 
     A corner, edge or face that blocks share is fitted by one process, and its control points are sent to all. The
-    control points are those of `fit_grid`: to the last bit by least squares, and but for the order of sums (1e-15 of
-    the grid's size) where they fall back on a quasi-interpolant. Of a grid that is stored in a file, no process holds
-    the nodes of all blocks: the topology is found from their faces, and parameters and residual stay where they are
-    made.
+    control points equal those of `fit_grid`: to the last bit with least squares, and up to the order of sums (1e-15 of
+    the grid's size) where they fall back on a quasi-interpolant. If the grid is stored in a file, no process has the
+    nodes of all blocks: the topology is found from their faces, and parameters and residual stay where they are
+    computed.
 
     Parameters
     ----------
@@ -182,14 +182,14 @@ def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool 
     keep_residual : bool
         Keep the difference between grid and splines, so that the baseline is reproduced.
     **options
-        As for `fit_grid`; no parameter correction and no parameters of the user's own where there are several
-        processes. And ``settings``, the numbers that no option asks for:
+        As for `fit_grid`, without parameter correction and user-defined parameters if there are several processes. Also
+        ``settings``, numbers without an option of their own:
         `bspline_mdao.core.fit.settings.FittingSettings`.
 
     Returns
     -------
     FittedBlocks
-        The model, of which this process holds some blocks: it is saved from there, and each process gets its
+        The model, of which this process has some blocks. It can be saved from there, and each process gets its
         `bspline_mdao.core.model.local_model.LocalModel`.
 
     Raises
@@ -200,7 +200,7 @@ def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool 
     Warns
     -----
     FitWarning
-        As `fit_grid`, from the first process.
+        As for `fit_grid`, from the first process.
 
     Examples
     --------
@@ -309,13 +309,13 @@ def _block(grid: Grid | StoredGrid, number: int) -> Block:
 
 
 def _joined(blocks: Sequence[np.ndarray], sharing: FitNodes) -> np.ndarray:
-    """Nodes of blocks, shape (n_rows, 3), of which those that are one point have the place of the first of them."""
+    """Nodes of blocks, shape (n_rows, 3), with coincident nodes at the place of the first of them."""
     local = [np.zeros((0, 3)), *(block.reshape(-1, 3) for block in blocks)]
     return sharing.copy_shared(sharing.with_places(np.concatenate(local)))
 
 
 def _parameters_here(sharing: FitNodes, nodes: np.ndarray, parametrization: Any) -> list[np.ndarray]:
-    """Parameters of the nodes of every segment of this process; none of the others."""
+    """Parameters of the nodes of every segment of this process; none for the others."""
     shapes = sharing.topology.shapes
     blocks = {number: part.reshape(*shapes[number], 3) for number, part in sharing.by_blocks(nodes).items()}
     return _parameters_of_blocks(blocks, sharing.topology, parametrization)
@@ -323,7 +323,7 @@ def _parameters_here(sharing: FitNodes, nodes: np.ndarray, parametrization: Any)
 
 @dataclass(frozen=True, eq=False)
 class _Sized:
-    """A fit that is set up, its counts where they may be raised, what to say of them, and the factor of its mover."""
+    """A fit that is set up, its counts if they may be raised, warnings about them, and the factor of its mover."""
 
     problem: FitProblem
     counts: ControlCounts | None
@@ -340,7 +340,7 @@ def _size(
     sharing: FitNodes,
     settings: FittingSettings,
 ) -> _Sized:
-    """Set up a fit with numbers of control points that are asked for, or chosen from the grid alone."""
+    """Set up a fit with requested numbers of control points, or numbers chosen from the grid alone."""
     if isinstance(knots, str):
         counts, factor_bytes = choose_affordable_counts(topology, requested, order, settings)
         problem = set_up_fit(topology, parameters, counts.n_control, counts.orders, knots, sharing)
@@ -361,7 +361,7 @@ def _come_closer(
     nodes: np.ndarray,
     settings: FittingSettings,
 ) -> tuple[_Sized, FitSolution, Raised | None]:
-    """Fit again with more control points while cells are missed by several of their widths; keep what gains most."""
+    """Fit again with more control points while cells are missed by several of their widths; keep the best fit."""
     if sized.counts is None:
         return sized, solution, None
     counts, sharing, topology = sized.counts, sized.problem.sharing, sized.problem.topology
@@ -392,21 +392,21 @@ def _come_closer(
 
 
 def _missed(sharing: FitNodes, nodes: np.ndarray, solution: FitSolution) -> float:
-    """Largest error by the width of the cells."""
+    """Largest error relative to the width of the cells."""
     local = slice(sharing.n_owned)
     worst = worst_local_errors(sharing, nodes[local], nodes[local] - solution.fitted[local])[0]
     return worst.in_widths if worst else 0.0
 
 
 def _kind(choice: Any) -> str:
-    """Name of a choice; ``"given"`` where it is the user's own."""
+    """Name of a choice; ``"given"`` if it is the user's own."""
     return choice if isinstance(choice, str) else "given"
 
 
 def _parameters_of_blocks(
     blocks: Mapping[int, np.ndarray], topology: Topology, parametrization: Any
 ) -> list[np.ndarray]:
-    """Parameters of the nodes of every segment of some blocks; none, shape (0, 0, 0, 3), of the others."""
+    """Parameters of the nodes of every segment of some blocks; none, shape (0, 0, 0, 3), for the others."""
     if not isinstance(parametrization, str):
         return as_parameters(topology, parametrization)
     if parametrization not in EXPONENTS:
@@ -424,7 +424,7 @@ def _parameters_of_blocks(
 def set_up_fit(
     topology: Topology,  # segments and links
     parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
-    # control points and orders; not looked at where ``knots`` has them
+    # control points and orders; ignored if ``knots`` has them
     n_control: Any,  # int (n_segments, 3)
     orders: Any,  # int (n_segments, 3)
     knots: Any = "curved",

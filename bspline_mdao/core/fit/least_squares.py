@@ -1,12 +1,12 @@
 """Least squares for the control points, one entity after the other (section II.D), as a linear map with its transpose.
 
-Once the control points of an entity's boundary are found, the inner ones are those of a `ReferenceNet` plus a deviation
-d that solves the normal equations
+Once the control points of an entity's boundary are found, the inner ones are a `ReferenceNet` plus a deviation d that
+solves the normal equations
 
     (A^T A + shift I) d = A^T (x - A b_reference).
 
-The shift (Tikhonov's regularization) is zero unless the Gram matrix is singular, for knot spans that hold no node; with
-no shift the reference has no influence.
+The shift (Tikhonov's regularization) is zero unless the Gram matrix is singular, as for knot spans without nodes.
+Without a shift the reference has no influence.
 
 Theory: ``docs/theory/fit.rst``.
 
@@ -40,7 +40,7 @@ LARGEST_GRAM = 2**31
 """Most bytes of a Gram matrix; a larger one is refused."""
 
 SMALLEST_PIVOT = 1e-11
-"""A pivot below this fraction of the largest diagonal entry makes a Gram matrix singular."""
+"""A Gram matrix with a pivot below this fraction of its largest diagonal entry counts as singular."""
 
 SHIFT = 1e-8
 """Shift of the diagonal of a singular Gram matrix, in nodes per control point."""
@@ -52,15 +52,15 @@ class FitStep:
 
     entity: Entity  # its nodes and control points
     matrix: DesignMatrix  # A, of all control points of its section
-    factor: GramFactor | None  # of the normal equations; None where earlier entities solve for all control points
-    reference: ReferenceNet  # net that the control points are drawn to where the factor has a shift
+    factor: GramFactor | None  # of the normal equations; None if earlier entities solve for all control points
+    reference: ReferenceNet  # net that the control points are drawn to if the factor has a shift
 
     def solve(
         self,
         nodes: np.ndarray,  # (n_rows, 3), all nodes of the grid
         control_points: np.ndarray,  # (n_control_points, 3), all control points
     ) -> None:
-        """Write the entity's control points, from the nodes and the control points of its boundary."""
+        """Write the entity's control points from the nodes and the control points of its boundary."""
         if self.factor is not None:
             self.solve_residual(nodes[self.entity.rows], 0.0, nodes, control_points)
 
@@ -68,9 +68,9 @@ class FitStep:
         self,
         points: np.ndarray,  # (n, 3), values at the entity's nodes
         right: np.ndarray
-        | float,  # (N0 N1 N2, 3), or 0, what is added on the right, for all control points of the section
+        | float,  # (N0 N1 N2, 3), or 0, addition to the right-hand side, for all control points of the section
         nodes: np.ndarray,  # (n_rows, 3), all nodes of the grid, for the reference
-        # those of the boundary are read, those of the entity written
+        # those of the boundary are read, the entity's are written
         control_points: np.ndarray,  # (n_control_points, 3)
     ) -> None:
         """Solve ``(A_u^T A_u + shift I) d = A_u^T (points - A b_reference) + right_u``; write ``b_reference + d``."""
@@ -83,7 +83,7 @@ class FitStep:
 
     def solve_transpose(
         self,
-        # cotangent of the control points; the entity's own entries are used up
+        # cotangent of the control points; the entity's own entries are overwritten
         control_bar: np.ndarray,  # (n_control_points, 3)
         nodes_bar: np.ndarray,  # (n_rows, 3), cotangent of the nodes, added to
     ) -> None:
@@ -93,7 +93,7 @@ class FitStep:
             np.add.at(nodes_bar, self.entity.rows, points_bar)
 
     def solve_residual_transpose(self, control_bar: np.ndarray, nodes_bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reverse of `solve_residual`: cotangents of ``points`` and ``right``; the other two are updated in place."""
+        """Reverse of `solve_residual`: cotangents of ``points`` and ``right``; the arguments are updated in place."""
         assert self.factor is not None, "this entity has no control points of its own"
         ids = self.entity.control_ids
         unknown_bar = control_bar[self.entity.unknown_ids]
@@ -120,7 +120,7 @@ class FitStep:
         return places
 
     def _with_columns(self, net: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
-        """Return the net with the unknown points replaced."""
+        """The net with the unknown points replaced."""
         columns = self.entity.columns
         return np.where(columns[:, None] >= 0, unknowns[columns], net)
 
@@ -135,11 +135,11 @@ class FitStep:
 class FitOperator:
     """The linear map from the nodes of a grid to the control points, for given parameters and knots."""
 
-    steps: tuple[FitStep, ...]  # in the order of section II.D; none where least squares have no weight in the mixture
+    steps: tuple[FitStep, ...]  # in the order of section II.D; none if least squares have no weight in the mixture
     # sizes of the two sides
     n_nodes: int
     n_control_points: int
-    mixture: Mixture = LEAST_SQUARES  # what control points are where least squares fold
+    mixture: Mixture = LEAST_SQUARES  # control points where least squares fold
 
     def forward(self, nodes: np.ndarray) -> np.ndarray:
         """Control points, shape (n_control_points, 3), fitted to the nodes, shape (n_nodes, 3)."""
@@ -150,7 +150,7 @@ class FitOperator:
         return self.mixture.forward(control_points, nodes)
 
     def adjoint(self, control_bar: np.ndarray) -> np.ndarray:
-        """Transpose of `forward`: shape (n_nodes, 3), of shape (n_control_points, 3)."""
+        """Transpose of `forward`: from shape (n_control_points, 3) to (n_nodes, 3)."""
         control_bar, nodes_bar = self.mixture.adjoint(control_bar, self.n_nodes)
         with one_blas_thread:
             for step in reversed(self.steps):
@@ -181,7 +181,7 @@ def build_step(
 
 
 def _gram(matrix: DesignMatrix, entity: Entity, name: str) -> tuple[np.ndarray, bool]:
-    """Gram matrix of an entity, and whether it is banded: where that is less work."""
+    """Gram matrix of an entity, and whether it is banded, which it is if that is less work."""
     n_columns, bandwidth = len(entity.unknown_ids), matrix.bandwidth(entity.columns)
     is_banded = 3 * bandwidth < n_columns
     n_bytes = 8 * n_columns * (bandwidth + 1 if is_banded else n_columns)
@@ -198,23 +198,23 @@ class ReferenceNet:
     """Linear map from the grid and the control points of a boundary to a control net: a coarse copy of the grid."""
 
     # A control mesh mimics a coarse grid, so least squares are drawn to the grid itself, sampled at the Greville nodes
-    # (`bspline_mdao.core.fit.quasi_interpolant.greville_places`). What the boundary's control points differ from their
-    # samples is spread over the inside by transfinite interpolation, in proportion to lengths along the edges, so that
+    # (`bspline_mdao.core.fit.quasi_interpolant.greville_places`). The differences between the boundary's control points
+    # and their samples are interpolated transfinitely to the interior, in proportion to lengths along the edges, so
     # thin layers of cells stay layers. Both are fixed linear maps.
 
     inner: np.ndarray  # int (n_inner,), numbers of the inner control points of a net, in C order
     interpolation: csr_array  # (n_inner, N0 N1 N2), weights with which they follow the boundary
-    # samples of the grid at the Greville nodes; None for zero, where the factor has no shift
+    # samples of the grid at the Greville nodes; None for zero, if the factor has no shift
     sampling: csr_array | None = None  # (N0 N1 N2, n_rows), or None
 
     @classmethod
     def of(
         cls,
-        # where each control point stands between the ends of its direction, from 0 to 1
+        # place of each control point between the ends of its direction, from 0 to 1
         places: Sequence[np.ndarray],  # each (N_d,)
         sampling: csr_array | None = None,  # see the class
     ) -> ReferenceNet:
-        """Set up the interpolation of a net whose control points stand at given places along its edges."""
+        """Set up the interpolation of a net whose control points have given places along its edges."""
         shape = tuple(map(len, places))
         numbers = np.arange(np.prod(shape)).reshape(shape)
         columns, values = boolean_sum(np.stack(np.meshgrid(*places, indexing="ij"), axis=-1))
@@ -223,14 +223,14 @@ class ReferenceNet:
         return cls(inner, csr_array(entries, shape=(len(inner), numbers.size)), sampling)
 
     def net(self, nodes: np.ndarray, net: np.ndarray) -> np.ndarray:
-        """Complete a net, shape (N0 N1 N2, 3), of which the boundary counts, from nodes, shape (n_rows, 3)."""
+        """Complete a net, shape (N0 N1 N2, 3), with given boundary, from nodes, shape (n_rows, 3)."""
         samples = 0.0 if self.sampling is None else self.sampling @ nodes
         difference = net - samples
         difference[self.inner] = self.interpolation @ difference
         return samples + difference
 
     def net_transpose(self, bar: np.ndarray, nodes_bar: np.ndarray) -> np.ndarray:
-        """Transpose of `net`: return the cotangent of the boundary and add that of the nodes to ``nodes_bar``."""
+        """Transpose of `net`: return the boundary's cotangent and add the nodes' cotangent to ``nodes_bar``."""
         net_bar = bar.copy()
         net_bar[self.inner] = 0.0
         net_bar += self.interpolation.T @ bar[self.inner]
@@ -271,9 +271,9 @@ def places_on_edges(volume: Volume) -> tuple[np.ndarray, ...]:
 class GramFactor:
     """Cholesky factor of a Gram matrix, ``G + shift I``."""
 
-    lower: np.ndarray  # the factor as LAPACK left it
+    lower: np.ndarray  # the factor in LAPACK's form
     is_banded: bool  # whether the storage is banded
-    shift: float  # what was added to the diagonal: 0 unless the matrix is singular
+    shift: float  # addition to the diagonal: 0 unless the matrix is singular
 
     @property
     def is_singular(self) -> bool:
@@ -287,23 +287,23 @@ class GramFactor:
 
 
 def factorize(
-    gram: np.ndarray,  # lower half, stored as `bspline_mdao.core.fit.design_matrix.DesignMatrix.gram` returns it
+    gram: np.ndarray,  # lower half, stored as from `bspline_mdao.core.fit.design_matrix.DesignMatrix.gram`
     is_banded: bool,  # whether it is stored by bands
-    unit: float,  # unit of the shift. It must not depend on the matrix, so that a shift has no derivative
+    unit: float,  # unit of the shift; it must not depend on the matrix, so a shift has no derivative
 ) -> GramFactor:
-    """Factor a Gram matrix, with a shift where it is singular."""
+    """Factor a Gram matrix, with a shift if it is singular."""
     factor = _factor(gram, is_banded, 0.0)
     if factor is not None:
         return GramFactor(factor, is_banded, 0.0)
     shift = SHIFT * unit
-    # the shift has made the matrix definite: no pivot is too small any more
+    # the shift has made the matrix definite: no pivot is too small
     factor = _factor(gram, is_banded, shift, 0.0)
     assert factor is not None, "a Gram matrix is positive semidefinite"
     return GramFactor(factor, is_banded, shift)
 
 
 def _factor(gram: np.ndarray, is_banded: bool, shift: float, smallest: float = SMALLEST_PIVOT) -> np.ndarray | None:
-    """Lower factor of the shifted matrix in LAPACK's column-major storage; None where it is singular."""
+    """Lower factor of the shifted matrix in LAPACK's column-major storage; None if it is singular."""
     lower = gram.T.copy(order="F")
     diagonal = lower[0] if is_banded else np.einsum("ii->i", lower)
     diagonal += shift

@@ -1,8 +1,8 @@
-"""What splines miss of single grid lines: how many control points each direction needs, before there is a fit.
+"""Fit errors of single grid lines: how many control points each direction needs, before there is a fit.
 
-Least squares of a block miss most where its worst lines do, and those lie on its faces as a rule: what the volume
-misses along one direction is what a curve with the knots and the order of that direction misses of the lines along it.
-That is found line by line, with both ends fixed as in the fit, from banded normal equations of a few unknowns.
+Least squares of a block are worst where its worst lines are, usually on its faces. The error of the volume along one
+direction is the error of curves, with the knots and the order of this direction, on the lines along it. It is found
+line by line, with both ends fixed as in the fit, from banded normal equations with a few unknowns.
 
 Theory: ``docs/theory/fit.rst``.
 """
@@ -20,12 +20,12 @@ from .fit_nodes import FitNodes
 from .local_errors import NO_DIRECTION, cell_width
 
 SHIFT = 1e-11
-"""Added to the diagonal of the normal equations, by its largest entry: spans without nodes leave them singular."""
+"""Addition to the diagonal of the normal equations, relative to its largest entry, for spans without nodes."""
 
 
 def class_errors(
     classes: np.ndarray,  # int (n_segments, 3), see `bspline_mdao.grids.topology.sharing.direction_classes`
-    wanted: Collection[int],  # classes that are wanted
+    wanted: Collection[int],  # classes to examine
     sharing: FitNodes,  # nodes of the segments of this process; all processes call this
     nodes: np.ndarray,  # (n_rows, 3), its nodes (m)
     parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
@@ -33,7 +33,7 @@ def class_errors(
     n_control: np.ndarray,  # int (n_segments, 3)
     orders: np.ndarray,  # int (n_segments, 3)
 ) -> np.ndarray:  # (n_classes,), 0 for others. See `bspline_mdao.core.fit.local_errors` for the width
-    """Largest error of the grid lines of each class of directions, by the width of the cells."""
+    """Largest error of the grid lines of each class of directions, relative to the width of the cells."""
     errors = np.zeros(classes.max() + 1)
     for s in sharing.here:
         directions = [d for d in range(3) if classes[s, d] in wanted and n_control[s, d] > 1]
@@ -44,9 +44,9 @@ def class_errors(
 
 
 def _direction_error(nodes: np.ndarray, parameters: np.ndarray, d: int, n_control: int, order: int) -> float:
-    """Largest error of the lines of a segment along a direction that lie on its faces, by the width of the cells."""
+    """Largest error of a segment's lines along a direction on its faces, relative to the width of the cells."""
     axes = (d + 1) % 3, (d + 2) % 3, d
-    # contiguous along every direction, so that one compiled kernel serves all
+    # contiguous along every direction: one compiled kernel serves all
     lines = np.ascontiguousarray(nodes.transpose(*axes, 3))
     along = [np.ascontiguousarray(parameters[..., e].transpose(axes)) for e in axes]
     corners = np.array([[edge_knots(along[2][a, b], n_control, order) for b in (0, -1)] for a in (0, -1)])
@@ -63,7 +63,7 @@ def worst_of_lines(
     corners,  # (2, 2, N + p), knots of the four lines at the corners
     order,  # int, order p
 ):
-    """Largest error of the grid lines at the rim of a bundle, by the width of the cells."""
+    """Largest error of the grid lines at the rim of a bundle, relative to the width of the cells."""
     n_0, n_1 = lines.shape[:2]
     worst = 0.0
     for a in range(n_0):
@@ -86,7 +86,7 @@ def squared_errors(
     knots,  # (N + p,)
     order,  # int, order p
 ):  # (L,)
-    """Squares of the distances of nodes from the curve that is fitted to them by least squares, its ends fixed."""
+    """Squared distances of nodes from the curve fitted to them by least squares with fixed ends."""
     n_control, n_nodes = knots.size - order, len(nodes)
     values, firsts = np.empty((n_nodes, order)), np.empty(n_nodes, dtype=np.int64)
     gram, points = np.zeros((n_control, order)), np.zeros((n_control, 3))  # gram[i, m] couples i and i - m
@@ -117,7 +117,7 @@ def squared_errors(
 
 @njit(cache=True)
 def _solve_inside(gram, points):
-    """Solve banded equations of all but the first and the last point in place, by Cholesky."""
+    """Solve banded equations for all but the first and the last point in place, by Cholesky."""
     last, width = len(points) - 1, gram.shape[1]
     shift = SHIFT * gram[:, 0].max()
     for i in range(1, last):

@@ -1,26 +1,26 @@
-"""The fit and the grid as functions of the baseline grid, chord-length parameters and knots included ("live").
+"""The fit and the grid as functions of the baseline grid, including chord-length parameters and knots ("live").
 
 With b the control points, A the matrix of an entity and r = x - A b its residual, the unknown part of b satisfies
 ``A_u^T r = shift (b_u - b_reference)``. Differentiated,
 
     (A_u^T A_u + shift I) db_u = A_u^T (dx - dA b - A_k db_k) + dA_u^T r + shift db_reference,
 
-where u are the unknown and k the known control points (`LiveFit`). A depends on the parameters of the nodes of the
-entity and on the knots on the edges of its block, and both on the nodes of the baseline (`LiveMapping`); spans stay as
-they are. The reverse runs through the same steps backwards.
+where u are the unknown and k the known control points (`LiveFit`). A depends on the parameters of the entity's nodes
+and on the knots on the edges of its block, and both depend on the nodes of the baseline (`LiveMapping`). Spans are
+fixed. The reverse mode goes through the same steps backwards.
 
-Where control points fall back on a quasi-interpolant, it, the A of its iteration and the weights of the candidates are
-those of the model's own grid: the fallback is a linear map of the nodes, as the choice that it comes from is made once.
+Where control points fall back on a quasi-interpolant, its maps, the A of its iteration and the weights of the
+candidates are the model's own: the fallback is a linear map of the nodes, since the choice behind it is made once.
 
-The whole map to the grid (`LiveGrid`) has the residual and the wall layer of that baseline x0,
+The whole map to the grid (`LiveGrid`) has the residual and the wall layer of the baseline x0,
 
     y = A(x0) b + T(b, b0) r,    r = x0 - A(x0) b0,         x = layer(y; x0)
 
-with b0 the control points fitted to it; see `bspline_mdao.core.walls.grid_map`. Without a residual r is nothing, and
-the layer is that of A(x0) b0. Of periodic sides that are tied, control points are laid onto each other after the fit,
-and nodes move alike from the baseline. Nodes that slide on fixed surfaces stay as high above these as x0 has them, and
-what that takes fades over the blocks before the layer follows (`bspline_mdao.core.walls.sliding_correction`). What is
-near which wall, how much it follows, and where in its span a node is, stays that of the model.
+with the control points b0 fitted to it; see `bspline_mdao.core.walls.grid_map`. Without a residual r is zero, and the
+layer belongs to A(x0) b0. Control points of tied periodic sides are mapped onto each other after the fit, and nodes
+move alike from the baseline. Nodes that slide on fixed surfaces keep their heights above them in x0, and the
+displacement this takes fades over the blocks before the layer follows (`bspline_mdao.core.walls.sliding_correction`).
+Which nodes are near which wall, how much they follow, and their places in their spans, stay the model's.
 
 Theory: ``docs/theory/fit.rst``, ``docs/theory/sliding.rst``.
 """
@@ -57,12 +57,12 @@ from .quasi_interpolant import Mixture
 
 
 def live_fit(
-    # gives topology, numbers of control points, orders, kind of knots, and the fallback of control points
+    # source of topology, numbers of control points, orders, kind of knots, and the fallback of control points
     model: FittedModel,
     nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
 ) -> LiveFit:
-    """Fit another baseline grid exactly as a model was fitted, with parameters, knots and derivatives of its own."""
-    # `InputError` if the model has corrected parameters or the user's own parameters or knots, which are no functions
+    """Fit another baseline grid exactly as a model was fitted, with its own parameters, knots and derivatives."""
+    # `InputError` if the model has corrected parameters, or the user's own parameters or knots, which are not functions
     # of the grid
     mixture = problem_of_mesh(model.topology, model.mesh).mixture(model.parameters, model.candidate_weights)
     if not mixture.has_least_squares:
@@ -80,9 +80,9 @@ class LiveFit:
     """A fit at one baseline grid with its first derivatives."""
 
     mapping: LiveMapping  # parameters, knots and matrices of this grid
-    steps: tuple[FitStep, ...]  # factored least squares; none where they have no weight in any control point
+    steps: tuple[FitStep, ...]  # factored least squares; none if they have no weight in any control point
     least_squares: np.ndarray  # (n_control_points, 3), control points by least squares (m)
-    mixture: Mixture  # what control points are where least squares fold
+    mixture: Mixture  # control points where least squares fold
 
     @property
     def control_points(self) -> np.ndarray:
@@ -135,17 +135,17 @@ class LiveFit:
         self.mapping.add_matrix_vjp(step.entity, step.matrix, bars, [(-moved_bar, net), (residual, right_bar)])
 
     def _net_and_residual(self, step: FitStep) -> tuple[np.ndarray, np.ndarray]:
-        """Control points of the section of an entity, and what they miss of its nodes."""
+        """Control points of the section of an entity, and their residual at its nodes."""
         net = step.entity.net(self.least_squares)
         return net, self.nodes[step.entity.rows] - step.matrix.apply(net)
 
 
 def live_mapping(
-    model: FittedModel,  # gives topology, numbers of control points, orders and kind of knots
+    model: FittedModel,  # source of topology, numbers of control points, orders and kind of knots
     nodes: np.ndarray,  # (n_nodes, 3), the baseline grid (m)
 ) -> LiveMapping:
-    """Regenerate with the parameters and knots that another baseline grid has."""
-    # `InputError` if the model has corrected parameters or the user's own parameters or knots, which are no functions
+    """Regenerate with the parameters and knots of another baseline grid."""
+    # `InputError` if the model has corrected parameters, or the user's own parameters or knots, which are not functions
     # of the grid
     problem, parameters = live_problem(model, nodes)
     matrices = tuple(
@@ -157,7 +157,7 @@ def live_mapping(
 
 
 def live_problem(model: FittedModel, nodes: np.ndarray) -> tuple[FitProblem, tuple[np.ndarray, ...]]:
-    """Set up the fit of another baseline grid, with parameters and knots of its own; see `live_mapping`."""
+    """Set up the fit of another baseline grid, with its own parameters and knots; see `live_mapping`."""
     settings = model.settings
     if settings.corrections or "given" in (settings.knots, settings.parametrization):
         raise InputError(
@@ -177,15 +177,15 @@ def live_problem(model: FittedModel, nodes: np.ndarray) -> tuple[FitProblem, tup
 class LiveMapping:
     """Regeneration of a grid with the parameters and knots of one baseline grid."""
 
-    problem: FitProblem  # entities and shared nodes, the knots of the mesh being those of this grid
+    problem: FitProblem  # entities and shared nodes, with the knots of this grid
     kind: str  # kind of knots
-    exponent: float  # power of the chords that parameters are made of, see `bspline_mdao.core.fit.options.EXPONENTS`
+    exponent: float  # power of the chords for parameters, see `bspline_mdao.core.fit.options.EXPONENTS`
     nodes: np.ndarray  # (n_nodes, 3), the baseline grid (m)
     parameters: tuple[np.ndarray, ...]  # each (L0, L1, L2, 3), parameters of every segment
     matrices: tuple[DesignMatrix, ...]  # of every entity of the problem
 
     def evaluate(self, control_points: np.ndarray) -> np.ndarray:
-        """Grid, shape (n_nodes, 3), of control points, shape (n_control_points, 3)."""
+        """Grid, shape (n_nodes, 3), from control points, shape (n_control_points, 3)."""
         points = np.empty_like(self.nodes)
         for entity, matrix in zip(self.problem.entities, self.matrices):
             points[entity.rows] = matrix.apply(entity.net(control_points))
@@ -198,7 +198,7 @@ class LiveMapping:
         d_nodes: np.ndarray,  # (n_nodes, 3), direction in the baseline grid
         d_control: np.ndarray,  # (n_control_points, 3)
     ) -> np.ndarray:  # (n_nodes, 3)
-        """Differentiate `evaluate`, through the parameters and knots as well."""
+        """Differentiate `evaluate`, including the parameters and knots."""
         change, d_points = self.change(d_nodes), np.empty_like(self.nodes)
         for entity, matrix in zip(self.problem.entities, self.matrices):
             d_matrix = self.matrix_jvp(entity, matrix, change)
@@ -234,7 +234,7 @@ class LiveMapping:
         return Change(d_parameters, self._joined(d_corners))
 
     def add_change_vjp(self, bars: Change, nodes_bar: np.ndarray) -> None:
-        """Add the cotangent of the nodes for those of parameters and edge knots: transpose of `change`."""
+        """Add the cotangent of the nodes from the parameters' and edge knots': transpose of `change`."""
         corners = self._joined(bars.corners)
         for segment, (rows, x) in enumerate(zip(self.problem.sharing.rows, self.parameters)):
             volume = self.problem.mesh.volumes[segment]
@@ -243,7 +243,7 @@ class LiveMapping:
             nodes_bar[rows] += chord_length_parameters_vjp(self.nodes[rows], x, parameters_bar, self.exponent)
 
     def _joined(self, corners: list[list[np.ndarray]]) -> list[list[np.ndarray]]:
-        """Changes of edge knots, or their cotangents, with those joined that neighbours share."""
+        """Changes of edge knots, or their cotangents, with shared ones joined."""
         return joined_corners(self.problem.topology, corners) if self.kind == "constant" else corners
 
     def no_change(self) -> Change:
@@ -279,7 +279,7 @@ class LiveMapping:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Derivatives, or cotangents, of what the matrices depend on."""
+    """Derivatives, or cotangents, of the matrices' arguments."""
 
     parameters: list[np.ndarray]  # each (L0, L1, L2, 3), of every segment
     corners: list[list[np.ndarray]]  # each (2, 2, N + p), edge knots of every segment
@@ -291,20 +291,20 @@ def sum_apply(terms: Sequence[DesignMatrix], net: np.ndarray) -> Any:
 
 
 def live_grid(
-    model: FittedModel,  # gives topology, numbers of control points, orders, kind of knots, and what is near which wall
+    model: FittedModel,  # source of topology, control point counts, orders, kind of knots, and the nodes near walls
     nodes: np.ndarray,  # (n_nodes, 3), the baseline grid (m)
-    grid_map: GridMap | None = None,  # one of the model by which nodes slide, see `Model.map_sliding`
+    grid_map: GridMap | None = None,  # the model's map with sliding nodes, see `Model.map_sliding`
 ) -> LiveGrid:
-    """Regenerate with all that another baseline grid has. `InputError` as `live_mapping`."""
+    """Regenerate with all properties of another baseline grid; `InputError` as for `live_mapping`."""
     return LiveGrid(live_mapping(model, nodes), grid_map or model.grid_map(), model.residual is not None)
 
 
 @dataclass(frozen=True, eq=False)
 class LiveGrid:
-    """Regeneration of a grid with all that depends on one baseline. Made by `live_grid`."""
+    """Regeneration of a grid with everything that depends on one baseline. Made by `live_grid`."""
 
     mapping: LiveMapping  # A(x0), and the baseline
-    grid_map: GridMap  # what does not change with the baseline
+    grid_map: GridMap  # the parts that do not change with the baseline
     has_residual: bool  # whether the model has a residual
 
     @property
@@ -314,7 +314,7 @@ class LiveGrid:
 
     @cached_property
     def sliding(self) -> SlidingCorrection | None:
-        """Takes nodes to the surfaces that they slide on; None where there are none."""
+        """Map that takes nodes to the surfaces that they slide on; None if there are none."""
         correction, sliding = self.grid_map.correction, self.grid_map.sliding
         return None if correction is None or sliding is None else SlidingCorrection(correction, sliding)
 
@@ -326,15 +326,12 @@ class LiveGrid:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of all that the grid depends on, its baseline first."""
+        """Names of the inputs, the baseline first."""
         return (GRID_INITIAL, *((CONTROL_POINTS_INITIAL,) if self.needs_initial else ()), CONTROL_POINTS)
 
     def at(self, control_points: np.ndarray, control_points_initial: np.ndarray | None = None) -> LiveGridState:
-        """Grid and its derivative at moved control points, and, where it `needs_initial` ones, those of the baseline.
-
-        Both have shape (n_control_points, 3), in metres.
-        """
-        # `MovementError` if the surroundings of a point are turned inside out
+        """Grid and its derivative at moved control points (n_control_points, 3) (m), and the baseline's if needed."""
+        # `needs_initial` tells whether they are; `MovementError` if the neighbourhood of a point is turned inside out
         if self.needs_initial and control_points_initial is None:
             raise InputError("live grid: it depends on the control points of the baseline; give these as well")
         initial = control_points if control_points_initial is None else control_points_initial
@@ -365,7 +362,7 @@ class LiveGridState:
     """A grid and its derivative."""
 
     of: LiveGrid  # the map
-    # control points of the baseline (anything where the grid does not depend on them), and now (m)
+    # control points of the baseline (arbitrary if the grid does not depend on them), and now (m)
     initial: np.ndarray  # (n_control_points, 3)
     control_points: np.ndarray  # (n_control_points, 3)
     nodes: np.ndarray  # (n_nodes, 3), the grid (m)
@@ -381,7 +378,7 @@ class LiveGridState:
 
     def jvp(
         self,
-        # changes, none by default: of the baseline, and of the control points at first and now
+        # changes, none by default: of the baseline, and of the initial and current control points
         grid_initial: np.ndarray | None = None,  # (n_nodes, 3)
         control_points_initial: np.ndarray | None = None,  # (n_control_points, 3)
         control_points: np.ndarray | None = None,  # (n_control_points, 3)
@@ -441,7 +438,7 @@ class LiveGridState:
     def _rotation_vjp(
         self, rotation: RotationState, vectors: Vectors, bar: np.ndarray, bars: dict[str, np.ndarray]
     ) -> np.ndarray:
-        """Add to the bars of both sets of control points what turns the residual; return that of the residual."""
+        """Add the rotations' part to the bars of both sets of control points; return the bar of the residual."""
         copies = self.of.mapping.problem.sharing.copies
         np.add.at(bar, copies[:, 1], bar[copies[:, 0]])
         bar[copies[:, 0]] = 0.0

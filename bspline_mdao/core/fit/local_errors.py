@@ -1,8 +1,8 @@
-r"""The residual of a fit by the size of the cells where it is.
+r"""The residual of a fit relative to the size of the cells around it.
 
-Beside a wall with a boundary layer a cell is up to a hundred thousand times longer than high. What the splines miss
-along the wall by the height of such a cell says little: the nodes there follow their wall whatever it is, and grids
-whose residual is thousands of heights move well. So the unit is the *width* of the cells at a node::
+Next to a wall with a boundary layer a cell is up to a hundred thousand times longer than high. The residual along the
+wall relative to the height of such a cell means little: the nodes there follow their wall in any case, and grids with
+residuals of thousands of heights move well. So the unit is the *width* of the cells at a node::
 
     .  +-----------------+-------+          of the shortest edge in each direction that has any at the node,
        |                 |       | height   the middle one: here b, where the third direction has longer ones
@@ -25,19 +25,18 @@ from ..model.records import LocalError
 from .fit_nodes import FitNodes
 
 NO_DIRECTION = -1
-"""In the place of the direction that leaves a wall, where there is no wall."""
+"""Value for the direction that leaves a wall if there is no wall."""
 
 
 def worst_local_errors(
     sharing: FitNodes,  # nodes of the segments of this process; all processes call this
-    # nodes of its blocks, and what the splines miss of them (m)
+    # nodes of its blocks, and the residual there (m)
     nodes: np.ndarray,  # (n_own, 3)
     residual: np.ndarray,  # (n_own, 3)
 ) -> tuple[LocalError | None, LocalError | None]:
-    """Where the residual is largest by the width of the cells, anywhere and on walls."""
-    # Nothing is made that is of the size of the grid.
-    # returns anywhere, on_walls: the first of those that are equally bad; None where no cell has a width, and where
-    # there are no walls
+    """Where the residual is largest relative to the width of the cells, anywhere and on walls."""
+    # Creates no array of the size of the grid.
+    # returns anywhere, on_walls: the first of equally bad nodes; None if no cell has a width, and if there are no walls
     anywhere: list[LocalError] = []
     on_walls: list[LocalError] = []
     residuals = sharing.by_blocks(residual)
@@ -54,7 +53,7 @@ def flattest_cell(
     sharing: FitNodes,  # nodes of the segments of this process; all processes call this
     nodes: np.ndarray,  # (n_own, 3), nodes of its blocks (m)
 ) -> float:
-    """Smallest height of a cell by its width, of the edges at a node: the shortest by the middle one."""
+    """Smallest ratio of height to width of a cell: of the edges at a node, the shortest over the middle one."""
     shapes, parts = sharing.topology.shapes, sharing.by_blocks(nodes).items()
     flattest = min((flattest_at_node(part.reshape(*shapes[block], 3)) for block, part in parts), default=np.inf)
     return flattest if sharing.comm.size == 1 else min(sharing.comm.allgather(flattest))
@@ -75,7 +74,7 @@ def _worst_of(arrays: Sequence[np.ndarray], window: Window, across: int, patch: 
 
 
 def _worst(comm: Any, found: list[LocalError]) -> LocalError | None:
-    """The worst of all processes, the first of those that are equally bad."""
+    """The worst of all processes, the first of equally bad ones."""
     if comm.size > 1:
         found = [error for part in comm.allgather(found) for error in part]
     return min(found, key=lambda error: (-error.in_widths, error.block, error.i, error.j, error.k), default=None)
@@ -89,9 +88,9 @@ def find_worst(
     # ends of the window, inclusive
     low,  # int (3,)
     high,  # int (3,)
-    across,  # int, direction whose edges do not count, that off a wall; -1 counts all, and takes the middle one
-):  # tuple, square of the residual (m^2), width (m), and i, j, k from 0. A width of 0 says that no node has one
-    """Find the node of a window whose residual is largest by the width of its cells."""
+    across,  # int, direction whose edges do not count, which leaves a wall; -1 counts all, and takes the middle one
+):  # tuple, square of the residual (m^2), width (m), and i, j, k from 0; a width of 0 means that no node has one
+    """Find the node of a window with the largest residual relative to the width of its cells."""
     worst, result = -1.0, (0.0, 0.0, 0, 0, 0)
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):
@@ -106,7 +105,7 @@ def find_worst(
 
 @njit(cache=True)
 def flattest_at_node(nodes):
-    """Smallest shortest edge at a node of a block, shape (L0, L1, L2, 3), by the middle one; infinite without any."""
+    """Smallest ratio of shortest to middle edge at a node of a block, shape (L0, L1, L2, 3); infinite without any."""
     flattest = np.inf
     for i in range(nodes.shape[0]):
         for j in range(nodes.shape[1]):
@@ -120,7 +119,7 @@ def flattest_at_node(nodes):
 
 @njit(cache=True)
 def cell_width(nodes, i, j, k, across):
-    """Width of the cells at a node, infinite where none has one; ``across`` is that of `find_worst`."""
+    """Width of the cells at a node, infinite if none has one; ``across`` as in `find_worst`."""
     smallest = middle = np.inf
     for d in range(3):
         edge = np.inf if d == across else _shortest_edge(nodes, i, j, k, d)
@@ -133,7 +132,7 @@ def cell_width(nodes, i, j, k, across):
 
 @njit(cache=True)
 def _shortest_edge(nodes, i, j, k, d):
-    """Length of the shorter of the edges of a node in a direction that have a length; infinite where none has."""
+    """Shortest non-zero length of the edges of a node in a direction; infinite if there is none."""
     shortest, here = np.inf, nodes[i, j, k]
     for step in (-1, 1):
         a, b, c = i + step * (d == 0), j + step * (d == 1), k + step * (d == 2)

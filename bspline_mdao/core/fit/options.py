@@ -1,4 +1,4 @@
-"""What `fit_grid` offers by name, for it and for the help of the command, which should not wait for NumPy and numba."""
+"""Named options of `fit_grid`, also for the help of the command, which should not wait for NumPy and numba."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ METHODS = {
     "least_squares": "lets it fold",
     "quasi_interpolant": "solves nothing",
 }
-"""How control points are found, see `bspline_mdao.fit_grid`, and what each does in a word."""
+"""Methods of finding control points, see `bspline_mdao.fit_grid`, with a short description of each."""
 
 EXPONENTS = {"chord_length": 1.0, "centripetal": 0.5, "uniform": 0.0}
-"""Kinds of parametrization by the power of the chord lengths; uniform parameters are proportional to the index."""
+"""Kinds of parametrization with the power of the chord lengths; uniform parameters are proportional to the index."""

@@ -15,11 +15,11 @@ from ...grids.topology.index_space import whole_slices
 from ...grids.topology.topology import Link, Topology
 
 LARGEST_DIFFERENCE = 1e-9
-"""Most that the user's parameters of a node that two segments share may differ by, or their sum from one where a
+"""Largest difference of the user's parameters of a node that two segments share, or of their sum from one if a
 direction runs backwards."""
 
 COLLAPSED = 1e-12
-"""A grid line shorter than this fraction of the block's size has no length; its parameters are uniform."""
+"""A grid line shorter than this fraction of the block's size counts as collapsed; its parameters are uniform."""
 
 
 def chord_length_parameters(
@@ -38,7 +38,7 @@ def chord_length_parameters(
            [1.  , 0.  , 0.  ]])
     """
     # Each grid line is parametrized on its own: ``xi_q`` is the sum of the powers of its chords up to node q divided by
-    # that of all. A line without length gets uniform parameters, a direction of one node the parameter 0.
+    # the sum of all. A line without length gets uniform parameters, a direction of one node the parameter 0.
     parameters = np.zeros(nodes.shape)
     smallest = _smallest_length(nodes, exponent)
     for d in range(3):
@@ -68,7 +68,7 @@ def chord_length_parameters_jvp(
 def chord_length_parameters_vjp(
     nodes: np.ndarray, parameters: np.ndarray, bar: np.ndarray, exponent: float = 1.0
 ) -> np.ndarray:
-    """Transpose of `chord_length_parameters_jvp`: from ``bar`` of the parameters to that of the nodes."""
+    """Transpose of `chord_length_parameters_jvp`: from ``bar`` of the parameters to the nodes' cotangent."""
     smallest, nodes_bar = _smallest_length(nodes, exponent), np.zeros(nodes.shape)
     for d in range(3):
         if nodes.shape[d] > 1:
@@ -82,7 +82,7 @@ def as_parameters(
     # parameters xi, eta and zeta of the nodes of every block, or of every segment
     values: Sequence[np.ndarray],  # each (L0, L1, L2, 3)
 ) -> list[np.ndarray]:  # each (L0, L1, L2, 3), of every segment, from 0 to 1 in each
-    """Check the user's own parameters, and cut them up where blocks are cut."""
+    """Check the user's own parameters, and split them where blocks are cut."""
     try:
         arrays = [np.array(array, dtype=float) for array in values]
     except (TypeError, ValueError):
@@ -225,7 +225,7 @@ def _lines_vjp(nodes, parameters, bar, nodes_bar, exponent, smallest):
                     total_bar -= bar[i, j, q] * parameters[i, j, q]
             if length <= smallest:
                 continue
-            chord_bar = total_bar  # of the chord that ends in node q: what all nodes from q on, and the total, need
+            chord_bar = total_bar  # for the chord that ends in node q: from all nodes from q on, and the total
             for q in range(n_line - 1, 0, -1):
                 if q < n_line - 1:
                     chord_bar += bar[i, j, q]

@@ -28,8 +28,8 @@ from .quasi_interpolant import Mixture
 class FitProblem:
     """A fit that is set up: everything except control points."""
 
-    # edge_places: see `bspline_mdao.core.fit.least_squares.places_on_edges`, of every segment; they stay when the knots
-    # change
+    # edge_places: see `bspline_mdao.core.fit.least_squares.places_on_edges`, of every segment; they stay fixed when the
+    # knots change
 
     topology: Topology  # segments and links
     sharing: FitNodes  # nodes of the segments of this process
@@ -39,7 +39,7 @@ class FitProblem:
 
     @cached_property
     def ties(self) -> Ties | None:
-        """Control points of periodic sides, which are one but for a motion; None where there are none."""
+        """Control points of periodic sides, which are equal up to a motion; None if there are none."""
         return control_ties(self.topology, self.mesh.control_ids)
 
     def step(self, parameters: Sequence[np.ndarray], entity: Entity) -> FitStep:
@@ -49,7 +49,7 @@ class FitProblem:
         return build_step(entity, *segment, self.sharing.n_rows, name)
 
     def rounds(self) -> list[list[Entity]]:
-        """Entities in sets that follow each other: those of a set do not depend on each other's control points."""
+        """Entities in successive sets: entities of a set do not depend on each other's control points."""
         round_of = np.full(self.mesh.n_control_points, -1)
         rounds: list[list[Entity]] = []
         for entity in self.entities:
@@ -61,7 +61,7 @@ class FitProblem:
 
     @property
     def n_threads(self) -> int:
-        """Threads for a fit: fewer than usual where the Gram matrices together would be larger than one may be."""
+        """Threads for a fit: fewer than usual if the Gram matrices together would exceed the limit for one."""
         largest = max((len(entity.unknown_ids) for entity in self.entities), default=0)
         return max(1, min(thread_count(None), LARGEST_GRAM // (8 * largest**2 + 1)))
 
@@ -72,9 +72,9 @@ class FitProblem:
     def operator(
         self,
         parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
-        # weights of the candidates, see `Mixture`; least squares alone by default
+        # weights of the candidates, see `Mixture`; only least squares by default
         weights: np.ndarray | None = None,  # (n_control_points, 6)
-        entities: Sequence[Entity] | None = None,  # those whose control points are wanted, in order; all by default
+        entities: Sequence[Entity] | None = None,  # entities to solve for, in order; all by default
     ) -> FitOperator:
         """Linear map from nodes to control points for these parameters, with all factors kept."""
         mixture, steps = self.mixture(parameters, weights), ()
@@ -89,13 +89,13 @@ class FitProblem:
 class FitSolution:
     """Control points and fitted nodes of a fit."""
 
-    # weights: see `Mixture`; None for least squares alone
+    # weights: see `Mixture`; None for least squares only
 
     control_points: np.ndarray  # (n_control_points, 3), control points (m)
     fitted: np.ndarray  # (n_nodes, 3), points of the spline at the nodes (m)
     warnings: tuple[str, ...] = ()  # entities whose data do not determine all control points
     weights: np.ndarray | None = None
-    # least squares for the same parameters, where these were solved and are something else
+    # least squares for the same parameters, if they were solved and differ
     least_squares: FitSolution | None = None
 
 
@@ -104,7 +104,7 @@ def problem_of_mesh(
     mesh: BSplineMesh,  # one volume per segment
     sharing: FitNodes | None = None,  # nodes of this process; all by default
 ) -> FitProblem:
-    """Set up the fit of a mesh that exists already, for example that of a fitted model."""
+    """Set up the fit of an existing mesh, for example a fitted model's."""
     sharing = FitNodes.of(topology) if sharing is None else sharing
     entities = tuple(entities_in_order(mesh.control_ids, sharing, mesh.n_control_points))
     edge_places = tuple(places_on_edges(volume) for volume in mesh.volumes)
@@ -116,10 +116,10 @@ def solve_fit(
     parameters: Sequence[
         np.ndarray
     ],  # sequence of ndarray each (L0, L1, L2, 3), parameters of the nodes of every segment
-    nodes: np.ndarray,  # (n_rows, 3), the nodes of this process (m), those of others that it needs as well
+    nodes: np.ndarray,  # (n_rows, 3), the nodes of this process (m), including those that it needs from others
     progress: Progress | None = None,  # as for `fit_grid`
 ) -> FitSolution:
-    """Solve the least squares of all entities, those of a round on several threads, keeping no factor."""
+    """Solve the least squares of all entities, a round at a time on several threads, without keeping factors."""
     # The result has the same bits for any number of threads.
     progress, sharing = progress or no_progress, problem.sharing
     control_points, fitted = np.zeros((problem.mesh.n_control_points, 3)), np.empty_like(nodes)
@@ -166,5 +166,5 @@ def _warn_of_singular(topology: Topology, entities: Sequence[Entity]) -> tuple[s
 
 
 def part_of(progress: Progress, start: float, stop: float) -> Progress:
-    """Report the progress of a part of the work, which takes it from ``start`` to ``stop``."""
+    """Report the progress of a part of the work, from ``start`` to ``stop`` of the whole."""
     return lambda fraction, what: progress(start + (stop - start) * fraction, what)

@@ -1,9 +1,9 @@
 """Control points without a solve: the variation-diminishing quasi-interpolant of a grid, and its iteration.
 
-Schoenberg's operator Q makes every control point the value of the data at its Greville parameters. It reproduces what
-is linear in the parameters, keeps monotone what is monotone, is local and linear in the data, and needs no solve. Here
-the data are the grid between its nodes, trilinear in its cells: a control point is at the *place* (three real node
-numbers) where the parameters, interpolated, are its Greville parameters.
+Schoenberg's operator Q makes every control point the value of the data at its Greville parameters. It reproduces data
+that are linear in the parameters, preserves monotone data, is local and linear in the data, and needs no solve. Here
+the data are the grid between its nodes, trilinear in its cells. A control point is at the *place* (three real node
+numbers) where the interpolated parameters equal its Greville parameters.
 
 With A the spline at the nodes, ``b <- b + Q (x - A b)`` approaches the accuracy of least squares.
 
@@ -37,24 +37,24 @@ CONVERGED = 1e-10
 """Largest change, in cells, of a place in its last round."""
 
 MOST_ROUNDS = 100
-"""Rounds after which a place is taken as it is: any place in the grid gives a control point."""
+"""Rounds after which a place is accepted: any place in the grid gives a control point."""
 
 
 @dataclass(frozen=True, eq=False)
 class QuasiInterpolant:
     """Linear maps from the nodes of a grid to control points, for given parameters and knots."""
 
-    # There is one map for each of `bspline_mdao.core.model.records.CANDIDATES` but the first: Q with 8, 4, 2 and no
+    # There is one map for each of `bspline_mdao.core.model.records.CANDIDATES` except the first: Q with 8, 4, 2 and no
     # iterations, and the grid at its Greville nodes.
 
     sampling: csr_array  # (n_control_points, n_sampled), Q, as weights of the nodes that it needs
     sampled: np.ndarray  # int (n_sampled,), numbers of these nodes
     coarse: csr_array  # (n_control_points, n_nodes), weights of the nodes next to the Greville nodes
-    evaluator: Evaluator  # a of the nodes of this process that any process samples
+    evaluator: Evaluator  # A of the nodes of this process that any process samples
     # real node numbers, from 0, of the Greville parameters of the control points of every segment of this process; of
-    # others, of shape (0, 0, 0, 3)
+    # shape (0, 0, 0, 3) for others
     places: tuple[np.ndarray, ...]  # each (N0, N1, N2, 3)
-    sharing: FitNodes  # the nodes: of several processes, each has the rows of the maps that its own segments give
+    sharing: FitNodes  # the nodes; with several processes, each has the rows of the maps from its own segments
     evaluated: np.ndarray  # int, numbers of the nodes that the evaluator evaluates
 
     @classmethod
@@ -88,8 +88,8 @@ class QuasiInterpolant:
     def forward(
         self,
         nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
-        # weight of each of `bspline_mdao.core.model.records.CANDIDATES` in each control point; that of least squares is
-        # not looked at
+        # weight of each of `bspline_mdao.core.model.records.CANDIDATES` in each control point; the weight of least
+        # squares is ignored
         weights: np.ndarray,  # (n_control_points, 6)
     ) -> np.ndarray:  # (n_control_points, 3)
         """Control points that mix the candidates."""
@@ -102,7 +102,7 @@ class QuasiInterpolant:
         return result
 
     def _joined(self, points: np.ndarray) -> np.ndarray:
-        """Control points of all processes, of which each has made those that its segments hold first."""
+        """Control points of all processes, each of which computes those that its segments are the first to have."""
         return summed(self.sharing.comm, points)
 
     def _resampled(self, points: np.ndarray) -> np.ndarray:
@@ -124,7 +124,7 @@ class QuasiInterpolant:
         return self._joined(self.evaluator.adjoint(values))
 
     def adjoint(self, bar: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Transpose of `forward`: cotangent of the nodes, shape (n_nodes, 3), of that of the control points."""
+        """Transpose of `forward`: cotangent of the nodes, shape (n_nodes, 3), from the control points'."""
         nodes_bar = self.coarse.T @ (weights[:, -1:] * bar)
         points_bar, samples_bar = np.zeros_like(bar), np.zeros_like(bar)
         for number in range(ITERATIONS[0], -1, -1):
@@ -137,7 +137,7 @@ class QuasiInterpolant:
         return nodes_bar
 
     def candidates(self, nodes: np.ndarray) -> np.ndarray:
-        """All candidates but least squares, shape (5, n_control_points, 3), for a grid (m)."""
+        """All candidates except least squares, shape (5, n_control_points, 3), for a grid (m)."""
         samples = points = self._joined(self.sampling @ nodes[self.sampled])
         iterated = [points]
         for _ in range(ITERATIONS[0]):
@@ -148,7 +148,7 @@ class QuasiInterpolant:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceQuasiInterpolant(OneLine):
-    """Q with some iterations for the control points of a surface, which depend on the surface's nodes alone."""
+    """Q with some iterations for the control points of a surface, which depend only on the surface's nodes."""
 
     sampling: csr_array  # (n_surface, n), Q
     resampling: csr_array  # (n_surface, n_surface), Q A
@@ -158,8 +158,8 @@ class SurfaceQuasiInterpolant(OneLine):
     def of(
         cls, quasi: QuasiInterpolant, surface_ids: np.ndarray, numbers: np.ndarray, n_iterations: int
     ) -> SurfaceQuasiInterpolant:
-        """Take the control points of a surface, shape (n_surface,), out of one process' whole grid."""
-        # Of the nodes, ``numbers`` has for each row of the grid vector the node of the surface that it is, or -1.
+        """Take the control points of a surface, shape (n_surface,), from the whole grid on one process."""
+        # ``numbers`` gives, for each row of the grid vector, its node of the surface, or -1.
         sampling = csr_array(quasi.sampling[surface_ids])
         used = np.unique(sampling.indices)
         used = used[numbers[quasi.sampled[used]] >= 0]
@@ -169,7 +169,7 @@ class SurfaceQuasiInterpolant(OneLine):
         return cls(csr_array(entries, shape=(len(surface_ids), numbers.max() + 1)), resampling, n_iterations)
 
     def forward(self, nodes: np.ndarray) -> np.ndarray:
-        """Control points, shape (n_surface, 3), of nodes of the surface, shape (n, 3)."""
+        """Control points, shape (n_surface, 3), from nodes of the surface, shape (n, 3)."""
         samples = points = self.sampling @ nodes
         for _ in range(self.n_iterations):
             points = points + samples - self.resampling @ points
@@ -186,17 +186,17 @@ class SurfaceQuasiInterpolant(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Control points that are in part least squares, in part the other candidates; by default least squares alone."""
+    """Control points that mix least squares and the other candidates; by default only least squares."""
 
     # weight of each of `bspline_mdao.core.model.records.CANDIDATES` in each control point
     weights: np.ndarray | None = None  # (n_control_points, 6)
-    quasi: QuasiInterpolant | None = None  # the candidates; needed where there are weights
+    quasi: QuasiInterpolant | None = None  # the candidates; needed if there are weights
 
     @classmethod
     def of(
         cls, weights: np.ndarray | None, mesh: BSplineMesh, sharing: FitNodes, parameters: Sequence[np.ndarray]
     ) -> Mixture:
-        """Set up the candidates where there are weights; the other arguments are those of `QuasiInterpolant.of`."""
+        """Set up the candidates if there are weights; other arguments as for `QuasiInterpolant.of`."""
         return cls() if weights is None else cls(weights, QuasiInterpolant.of(mesh, sharing, parameters))
 
     @property
@@ -205,7 +205,7 @@ class Mixture:
         return self.weights is None or bool(self.weights[:, 0].any())
 
     def forward(self, least_squares: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-        """Control points, of those by least squares, shape (n_control_points, 3), and the nodes, shape (n_nodes, 3)."""
+        """Control points from least-squares ones, shape (n_control_points, 3), and the nodes, shape (n_nodes, 3)."""
         if self.weights is None or self.quasi is None:
             return least_squares
         return self.weights[:, :1] * least_squares + self.quasi.forward(nodes, self.weights)
@@ -218,7 +218,7 @@ class Mixture:
 
 
 LEAST_SQUARES = Mixture()
-"""Least squares alone."""
+"""Only least squares."""
 
 
 def parametric_places(
@@ -226,8 +226,8 @@ def parametric_places(
     parameters: np.ndarray,  # (L0, L1, L2, 3), parameters of the nodes
 ) -> np.ndarray:
     """Real node numbers, from 0, at which a grid has the Greville parameters of each control point."""
-    # returns (N0, N1, N2, 3), between the nodes the parameters are trilinear. Ends are exact: a control point of a face
-    # is on that face
+    # returns (N0, N1, N2, 3); between the nodes the parameters are trilinear. Ends are exact: a control point of a face
+    # is on this face
     places = nodal_places(volume, parameters.shape[:3])
     _find_places(parameters, greville_abscissae(volume).reshape(-1, 3), places.reshape(-1, 3))
     return places
@@ -262,12 +262,12 @@ def nodal_places(volume: Volume, shape: Sequence[int]) -> np.ndarray:
 
 def sampling_matrix(
     mesh: BSplineMesh,  # a control point that segments share is sampled in the first of them
-    sharing: FitNodes,  # a node that several rows hold is taken from the first of them
+    sharing: FitNodes,  # a node with several rows is taken from the first of them
     # real node numbers, from 0, of the control points of every segment of this process
     places: Sequence[np.ndarray],  # each (N0, N1, N2, 3)
 ) -> csr_array:
     """Trilinear interpolation of the grid at one place for each control point."""
-    # returns (n_control_points, n_rows), rows of control points that segments of other processes hold first are zero
+    # returns (n_control_points, n_rows); rows of control points that first belong to other processes are zero
     source = sharing.source_rows()
     layout = BlockLayout.of(map(np.shape, mesh.control_ids))
     ids, starts = layout.join(mesh.control_ids), layout.starts
@@ -294,13 +294,13 @@ def sampling_matrix(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _find_places(parameters, wanted, places):
-    """Move each place along the three lines through it in turn, until its parameters are the wanted ones."""
+    """Move each place along the three lines through it in turn until its parameters are the wanted ones."""
     cell, fraction, is_end = np.zeros(3, dtype=np.int64), np.zeros(3), np.zeros(3, dtype=np.bool_)
     for q in range(len(wanted)):
         place = places[q]
         for d in range(3):
             last = parameters.shape[d] - 1
-            is_end[d] = place[d] <= 0.0 or place[d] >= last  # a point of a face needs the nodes of that face alone
+            is_end[d] = place[d] <= 0.0 or place[d] >= last  # a point of a face needs only the nodes of this face
             cell[d] = min(int(place[d]), max(last - 1, 0))
             fraction[d] = place[d] - cell[d]
         for _ in range(MOST_ROUNDS):

@@ -1,4 +1,4 @@
-"""Numbers of control points as a user asks for them: of all blocks, of each, or of some by number or name.
+"""Numbers of control points that a user requests: for all blocks, for each, or for some by number or name.
 
 Theory: ``docs/theory/fit.rst``.
 """
@@ -17,26 +17,26 @@ from ...grids.topology.topology import Topology
 
 @dataclass(frozen=True, eq=False)
 class RequestedCounts:
-    """What is asked for of every block."""
+    """Requests for every block."""
 
-    counts: np.ndarray  # int (n_blocks, 3), control points per direction; 0 where they are to be chosen
-    is_named: np.ndarray  # bool (n_blocks,), whether the block was asked for by itself, and not with all others
+    counts: np.ndarray  # int (n_blocks, 3), control points per direction; 0 if they are to be chosen
+    is_named: np.ndarray  # bool (n_blocks,), whether the block has its own request, not one for all others
 
     @property
     def is_complete(self) -> bool:
-        """Whether nothing is left to be chosen."""
+        """Whether nothing remains to be chosen."""
         return bool(self.counts.all())
 
     @classmethod
     def of(
         cls,
-        # of all blocks; of each, where None leaves a block to be chosen; or by numbers from 1 or names of blocks, where
-        # the key None stands for all others. None chooses all
+        # for all blocks; for each, where None leaves a block to be chosen; or by numbers from 1 or names of blocks,
+        # where the key None means all others. None chooses all
         n_control: Any,  # None, int, triple of int, sequence of (triple or None), mapping, or RequestedCounts
         topology: Topology,  # segments and links
         names: Sequence[str] = (),  # names of the blocks, if these may be used
     ) -> RequestedCounts:
-        """Find out what is asked for. `InputError` if there is no such block, or what is asked for is not numbers."""
+        """Interpret a request; `InputError` if there is no such block, or the request is not made of numbers."""
         if isinstance(n_control, RequestedCounts):
             return n_control
         n_blocks = len(topology.shapes)
@@ -67,7 +67,7 @@ class RequestedCounts:
 
 
 def per_block(value: Any, topology: Topology, name: str) -> np.ndarray:
-    """Spread a number, a triple or one triple per block to an array of shape (n_blocks, 3)."""
+    """Expand a number, a triple or one triple per block to an array of shape (n_blocks, 3)."""
     n_blocks = len(topology.shapes)
     try:
         array = np.asarray(value)

@@ -1,8 +1,8 @@
-"""The linear map from the nodes of a grid to its control points on several processes, each of which has some blocks.
+"""The linear map from the nodes of a grid to its control points, on several processes with some blocks each.
 
 Forwards, the control points of each round of entities (`bspline_mdao.core.fit.problem.FitProblem.rounds`) are sent to
-all processes before the next round begins. In reverse the rounds run backwards: what later rounds want of the control
-points of a round is summed over all processes before it begins.
+all processes before the next round begins. In reverse the rounds run backwards: the cotangents from later rounds for
+the control points of a round are summed over all processes before it begins.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -27,19 +27,19 @@ __all__ = ["SharedFitOperator"]
 
 @dataclass(frozen=True, eq=False)
 class SharedFitOperator:
-    """The linear map from the nodes that processes hold to all control points, for given parameters and knots."""
+    """The linear map from distributed nodes to all control points, for given parameters and knots."""
 
     sharing: FitNodes  # nodes of this process
-    unknown_ids: tuple[np.ndarray, ...]  # of every round, numbers of the control points that any process solves for
-    steps: tuple[tuple[FitStep, ...], ...]  # of every round, the least squares of this process
+    unknown_ids: tuple[np.ndarray, ...]  # for every round, numbers of the control points that any process solves for
+    steps: tuple[tuple[FitStep, ...], ...]  # for every round, the least squares of this process
     n_control_points: int  # number of control points
-    mixture: Mixture  # what control points are where least squares fold
+    mixture: Mixture  # control points where least squares fold
 
     @classmethod
     def of(
         cls,
         problem: FitProblem,  # the fit on the nodes of this process
-        # parameters of the nodes of every segment of this process; of shape (0, 0, 0, 3) of others
+        # parameters of the nodes of every segment of this process; of shape (0, 0, 0, 3) for others
         parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3)
         weights: np.ndarray | None,  # (n_control_points, 6), or None, weights of the candidates, see `Mixture`
     ) -> SharedFitOperator:
@@ -54,7 +54,7 @@ class SharedFitOperator:
         return cls(problem.sharing, tuple(ids), tuple(steps), problem.mesh.n_control_points, mixture)
 
     def forward(self, nodes: np.ndarray) -> np.ndarray:
-        """Control points, shape (n_control_points, 3), on all processes, of the nodes of each, shape (n_owned, 3)."""
+        """Control points, shape (n_control_points, 3), on all processes, from the nodes of each, shape (n_owned, 3)."""
         nodes = self.sharing.fetch(self.sharing.with_places(nodes))
         control_points = np.zeros((self.n_control_points, 3))
         with one_blas_thread:
@@ -66,7 +66,7 @@ class SharedFitOperator:
         return self.mixture.forward(control_points, nodes)
 
     def adjoint(self, control_bar: np.ndarray) -> np.ndarray:
-        """Transpose of `forward`, shape (n_owned, 3), of a ``control_bar`` that is the same on all processes."""
+        """Transpose of `forward`, shape (n_owned, 3), for a ``control_bar`` that is the same on all processes."""
         seed, nodes_bar = self.mixture.adjoint(control_bar, self.sharing.n_rows)
         wanted = np.zeros_like(seed)
         with one_blas_thread:

@@ -1,17 +1,17 @@
-"""Surface control points of a fitted model for given surface nodes, where the nodes are those of no spline as well.
+"""Surface control points of a fitted model for given surface nodes, which need not lie on any spline.
 
-- `fit_surface` fits what the nodes have moved as the grid was fitted (section II.D: corners, edges and faces in turn,
-  with the model's own parameters, knots and candidates), and adds it to the control points. It sets up the moves of
-  section IV.
-- `SurfaceFollower` is what moves of grids with boundary layers take. With Q the iterated quasi-interpolant of
-  `.quasi_interpolant`, s0 and w0 control points and nodes of the baseline, and R the rotation of the rigid motion that
-  is nearest to that of the nodes w (`bspline_mdao.core.walls.rigid_part`), it is
+- `fit_surface` fits the displacements of the nodes as the grid was fitted (section II.D: corners, edges and faces in
+  turn, with the model's own parameters, knots and candidates), and adds the result to the control points. It sets up
+  the moves of section IV.
+- `SurfaceFollower` is used in moves of grids with boundary layers. With Q the iterated quasi-interpolant of
+  `.quasi_interpolant`, s0 and w0 control points and nodes of the baseline, and R the rotation of the rigid motion
+  nearest to the motion of the nodes w (`bspline_mdao.core.walls.rigid_part`), it is
 
       s = Q w + R (s0 - Q w0).
 
-  Rigid motions are followed exactly, and nodes at rest keep their control points. Q does not swing about kinks and
-  narrow edges, as least squares do, so that the control mesh behind them does not fold; what it misses of the nodes is
-  left to who places them (`bspline_mdao.core.walls.wall_correction`).
+  Rigid motions are followed exactly, and nodes at rest keep their control points. Q does not oscillate about kinks and
+  narrow edges, as least squares do, so the control mesh behind them does not fold. Its residual at the nodes is removed
+  by the correction of `bspline_mdao.core.walls.wall_correction`.
 
 Theory: ``docs/theory/fit.rst``.
 """
@@ -44,41 +44,41 @@ from .problem import problem_of_mesh
 from .quasi_interpolant import QuasiInterpolant, SurfaceQuasiInterpolant
 
 LOGGER = logging.getLogger(__name__)
-"""Logs how far each surface misses its target: a warning beyond `NOTABLE_MISS`."""
+"""Logger of the distance of each surface from its target: a warning beyond `NOTABLE_MISS`."""
 
 NOTABLE_MISS = 1e-3
-"""A surface that misses its target by more than this fraction of its size is a warning in the log."""
+"""Fraction of its size by which a surface may miss its target before the log entry is a warning."""
 
 
 N_ITERATIONS = 2
-"""Iterations of the quasi-interpolant that follows nodes: with more it swings about kinks (a bend of 90 degrees of an
-H-H wing leaves 107, 86 and 51 folded control elements with 8, 4 and 2), with none it cuts corners."""
+"""Iterations of the quasi-interpolant that follows nodes: with more it oscillates about kinks (a bend of 90 degrees of
+an H-H wing leaves 107, 86 and 51 folded control elements with 8, 4 and 2), with none it cuts corners."""
 
 
 @dataclass(frozen=True)
 class SurfaceMiss(OneLine):
-    """Distance of the nodes of a surface from those that its control points were fitted to."""
+    """Distance of the nodes of a surface from the nodes that its control points were fitted to."""
 
     # largest distance, and the root mean square over all nodes (m)
     largest: float
     rms: float
     size: float  # diagonal of the target's box (m)
     n_nodes: int  # nodes of the surface, each counted once
-    # patch and block of the node that is farthest off; empty where no patch is declared there
+    # patch and block of the node that is farthest off; empty if no patch is declared there
     patch: str
     block: str
     node: tuple[int, int, int]  # its place in the block, from 1
-    unit: str = "m"  # of lengths
+    unit: str = "m"  # unit of lengths
 
     @classmethod
     def of(
         cls,
         topology: Topology,
-        # row that stands for each row of the grid vector, see `NodeSharing.source_rows`
+        # row that represents each row of the grid vector, see `NodeSharing.source_rows`
         source: np.ndarray,  # int (n_nodes,)
         rows: np.ndarray,  # int (n,), row of each node in the grid vector
-        nodes: np.ndarray,  # (n, 3), where the nodes are (m)
-        target: np.ndarray,  # (n, 3), where they were to be (m)
+        nodes: np.ndarray,  # (n, 3), actual places of the nodes (m)
+        target: np.ndarray,  # (n, 3), intended places (m)
     ) -> SurfaceMiss:
         """Compare nodes of a surface with their target."""
         distances = np.linalg.norm(nodes - target, axis=1)
@@ -96,45 +96,45 @@ class SurfaceMiss(OneLine):
         )
 
     def log(self, prefix: str = "") -> None:
-        """Log it: as a warning if it is notable, and as information if not."""
+        """Log it, as a warning if it is notable and as information if not."""
         is_notable = self.largest > NOTABLE_MISS * self.size
         LOGGER.log(logging.WARNING if is_notable else logging.INFO, "%s%s", prefix, self)
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceFit(OneLine):
-    """Surface control points for another surface, and how far that is missed."""
+    """Surface control points for another surface, and the distance by which it is missed."""
 
     control_points: np.ndarray  # (n_surface, 3), the surface control points (m)
-    miss: SurfaceMiss  # distance of the regenerated surface nodes to those that were asked for
+    miss: SurfaceMiss  # distance of the regenerated surface nodes from the requested ones
 
 
 def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) -> SurfaceFit:
     """Fit the surface control points of a model to moved surface nodes, section II.D.
 
-    What the nodes have moved is fitted as the grid was, corners, edges and faces in turn, with the model's own
-    parameters, knots and fallback, and added to the control points: those of nodes which have not moved stay, and those
-    of a surface that is turned or stretched as a whole follow it.
+    The displacements of the nodes are fitted as the grid was, corners, edges and faces in turn, with the model's own
+    parameters, knots and fallback, and the result is added to the control points. Control points of nodes that have not
+    moved stay, and control points of a surface that is turned or stretched as a whole follow it.
 
     Parameters
     ----------
     model : FittedModel
         The fitted grid.
     surface_ids : ndarray of int, shape (n_surface,)
-        Numbers of the surface control points: those of whole faces, such as ``surface_ids`` of a moving mesh.
+        Numbers of the surface control points of whole faces, such as ``surface_ids`` of a moving mesh.
     nodes : ndarray, shape (n_nodes, 3)
-        The grid (m) with its surface nodes moved, wherever a block holds them (`replace_nodes`). Others do not count.
+        The grid (m) with its surface nodes moved in every block that has them (`replace_nodes`). Others are ignored.
 
     Returns
     -------
     SurfaceFit
-        Surface control points, in the order of ``surface_ids``, and how far the surface misses the nodes: control
-        points have fewer degrees of freedom than nodes. That is logged, too, see `LOGGER`.
+        Surface control points, in the order of ``surface_ids``, and how far the surface misses the nodes, since control
+        points have fewer degrees of freedom than nodes. This distance is also logged, see `LOGGER`.
 
     Raises
     ------
     InputError
-        If the nodes do not fit the model, or the control points are not those of whole faces.
+        If the nodes do not fit the model, or the control points do not make up whole faces.
 
     Examples
     --------
@@ -162,7 +162,7 @@ def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) 
 
 
 def _fit_of_surface(model: FittedModel, surface_ids: np.ndarray) -> tuple[FitOperator, np.ndarray]:
-    """Fit of the control points of whole faces, and the rows of their nodes, of nodes that are one the first."""
+    """Fit of the control points of whole faces, and the rows of their nodes; the first of coincident nodes."""
     problem = problem_of_mesh(model.topology, model.mesh)
     is_surface = np.zeros(model.mesh.n_control_points, dtype=bool)
     is_surface[surface_ids] = True
@@ -196,16 +196,16 @@ class SurfaceFollower(OneLine):
     """
 
     quasi: SurfaceQuasiInterpolant  # from the nodes of the surface to its control points
-    mesh: MovingMesh  # its surface points are those that follow; those in planes of symmetry stay in them
-    baseline: np.ndarray  # (n, 3), the nodes that are given, on the baseline (m)
-    # nodes of the surface from those that are given: the mean where one is given more than once
+    mesh: MovingMesh  # its surface points follow; points in planes of symmetry stay in them
+    baseline: np.ndarray  # (n, 3), the given nodes, on the baseline (m)
+    # nodes of the surface from the given ones: the mean if one is given more than once
     means: csr_array  # (n_points, n)
-    # moves of nodes that are not given, between those of their neighbours; None where all are
+    # displacements of nodes that are not given, from their neighbours'; None if all are given
     springs: SpringNetwork | None
-    rigid: RigidPart  # the rigid motion nearest to that of the nodes
-    # control points less what the quasi-interpolant makes of the nodes, on the baseline (m)
+    rigid: RigidPart  # the rigid motion nearest to the motion of the nodes
+    # control points less the quasi-interpolant of the nodes, on the baseline (m)
     offsets: np.ndarray  # (n_surface, 3)
-    # topology, row that stands for each row of the grid vector, and rows of the nodes that are given
+    # topology, row that represents each row of the grid vector, and rows of the given nodes
     places: tuple[Topology, np.ndarray, np.ndarray]
 
     @classmethod
@@ -214,7 +214,7 @@ class SurfaceFollower(OneLine):
         model: FittedModel,  # the fitted grid
         mesh: MovingMesh,  # its control mesh
         surface: SurfaceGrid,  # the nodes of the design surface
-        # which nodes are given, in which order; all of the surface in its own by default
+        # the given nodes, in their order; by default all of the surface in its own order
         numbers: np.ndarray | None = None,  # int (n,)
     ) -> SurfaceFollower:
         """Prepare the control points of a surface."""
@@ -251,11 +251,11 @@ class SurfaceFollower(OneLine):
         return FollowedSurface(self, motion, self.mesh.points[self.mesh.surface_ids] + moves)
 
     def miss(self, nodes: np.ndarray, target: np.ndarray) -> SurfaceMiss:
-        """Compare nodes, shape (n, 3), with where they were to be."""
+        """Compare nodes, shape (n, 3), with their targets."""
         return SurfaceMiss.of(*self.places, nodes, target)
 
     def _forward(self, moves: np.ndarray) -> np.ndarray:
-        """Quasi-interpolant of moves of the nodes, shape (n, 3): (n_surface, 3)."""
+        """Quasi-interpolant of displacements of the nodes, from shape (n, 3) to (n_surface, 3)."""
         at_points = self.means @ moves
         if self.springs is not None:
             given = np.flatnonzero(np.diff(self.means.indptr))
@@ -271,7 +271,7 @@ class SurfaceFollower(OneLine):
         return self.means.T @ at_points
 
     def _slide(self, change: np.ndarray) -> np.ndarray:
-        """Take what would leave planes of symmetry off a change of control points; its own transpose."""
+        """Remove from a change of control points the part normal to planes of symmetry; its own transpose."""
         rows, normals, slid = self.mesh.in_plane_rows, self.mesh.in_plane_normals, change.copy()
         np.subtract.at(slid, rows, np.sum(change[rows] * normals, axis=1)[:, None] * normals)
         return slid
@@ -285,7 +285,7 @@ class Followed(Protocol):
         """The surface control points (m), shape (n_surface, 3)."""
 
     def jvp(self, change: np.ndarray) -> np.ndarray:
-        """Change of the control points, shape (n_surface, 3), with that of the nodes, shape (n, 3)."""
+        """Change of the control points, shape (n_surface, 3), with a change of the nodes, shape (n, 3)."""
 
     def vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transpose of `jvp`."""
@@ -296,13 +296,13 @@ class Follower(Protocol):
 
     @property
     def baseline(self) -> np.ndarray:
-        """The nodes that are given, on the baseline (m), shape (n, 3)."""
+        """The given nodes, on the baseline (m), shape (n, 3)."""
 
     def at(self, nodes: np.ndarray) -> Followed:
         """Control points at nodes, shape (n, 3), and their derivative."""
 
     def miss(self, nodes: np.ndarray, target: np.ndarray) -> SurfaceMiss | None:
-        """Compare nodes of the control points with where they were to be; None where nothing is missed."""
+        """Compare nodes of the control points with their targets; None if nothing is missed."""
 
 
 @singledispatch
@@ -318,12 +318,12 @@ follower_of.register(FittedModel, SurfaceFollower.of)
 class FollowedSurface(OneLine):
     """Control points that followed nodes, and their derivative."""
 
-    of: SurfaceFollower  # what made them
-    motion: RigidMotion  # the rigid motion nearest to that of the nodes
+    of: SurfaceFollower  # the map that made them
+    motion: RigidMotion  # the rigid motion nearest to the motion of the nodes
     control_points: np.ndarray  # (n_surface, 3), the surface control points (m)
 
     def jvp(self, change: np.ndarray) -> np.ndarray:
-        """Change of the control points, shape (n_surface, 3), with that of the nodes, shape (n, 3)."""
+        """Change of the control points, shape (n_surface, 3), with a change of the nodes, shape (n, 3)."""
         d_rotation, _ = self.motion.jvp(np.zeros_like(change), change)
         return self.of._slide(self.of._forward(change) + self.of.offsets @ d_rotation.T)
 
@@ -335,7 +335,7 @@ class FollowedSurface(OneLine):
 
 
 def _springs(surface: SurfaceGrid, given: np.ndarray) -> SpringNetwork:
-    """Springs along the sides of the surface's quads, between the nodes that are given."""
+    """Springs along the sides of the surface's quads, between the given nodes."""
     sides = np.unique(np.sort(np.concatenate([surface.quads[:, [k, (k + 1) % 4]] for k in range(4)]), axis=1), axis=0)
     lengths = np.linalg.norm(surface.points[sides[:, 0]] - surface.points[sides[:, 1]], axis=1)
     of_pair = {(i, j): length for (i, j), length in zip(sides.tolist(), lengths.tolist()) if length > 0.0}
@@ -346,9 +346,9 @@ def _springs(surface: SurfaceGrid, given: np.ndarray) -> SpringNetwork:
 def replace_nodes(
     topology: Topology,  # topology of the grid
     nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
-    pieces: Sequence[tuple[Window, np.ndarray]],  # new nodes (m). Where windows share nodes the last one counts
-) -> np.ndarray:  # (n_nodes, 3), the grid with the new nodes, and everything else as it was
-    """Replace nodes of some windows, wherever a block holds them."""
+    pieces: Sequence[tuple[Window, np.ndarray]],  # new nodes (m); if windows share nodes, the last one counts
+) -> np.ndarray:  # (n_nodes, 3), the grid with the new nodes, otherwise unchanged
+    """Replace nodes of some windows in every block that has them."""
     rows, ids = topology.layout.numbers, np.empty(topology.n_nodes, dtype=np.int64)
     for segment, segment_ids in zip(topology.segments, topology.node_ids()):
         ids[rows[segment.block][segment.slices]] = segment_ids
@@ -360,7 +360,7 @@ def replace_nodes(
 
 
 def _place_on_patch(topology: Topology, source: np.ndarray, row: int) -> tuple[str, str, tuple[int, int, int]]:
-    """Patch, block and place in it, from 1, of a node by its row: on a declared patch if one holds it."""
+    """Patch, block and place in it, from 1, of a node by its row, on a declared patch if one contains it."""
     blocks = topology.layout.numbers
     faces = [(face.window, face.patch) for face in topology.boundary if face.patch is not None]
     whole = [(Window.whole(number, shape), "") for number, shape in enumerate(topology.shapes)]

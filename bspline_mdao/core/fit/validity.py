@@ -2,10 +2,10 @@
 
 The candidates of `bspline_mdao.core.model.records.CANDIDATES` form a ladder: each is less close to the grid than the
 one before, and folds less. It is climbed from its foot. The control mesh found on one rung is the *base* of the next,
-whose points are moved to it where elements are invalid, or much worse than in the base; the move fades out over the
-neighbours. A mesh that has moved to its base everywhere is as valid as that base, so that this ends. The *weights* of
-the candidates in each control point are then part of the model, like its topology: for given parameters the fit stays a
-linear map of the nodes.
+whose points are moved to it where elements are invalid, or much worse than in the base. The move fades out over the
+neighbours. A mesh that has moved to its base everywhere is as valid as its base, so this terminates. The *weights* of
+the candidates in each control point are then part of the model, like its topology: for given parameters the fit remains
+a linear map of the nodes.
 
 Theory: ``docs/theory/fit.rst``.
 """
@@ -28,15 +28,15 @@ from .quasi_interpolant import Mixture, QuasiInterpolant
 from .settings import FITTING, FittingSettings
 
 FLAT = 1e-9
-"""A cell of the grid with a corner triple product up to this is flat: its sign is round-off."""
+"""A cell of the grid with a corner triple product up to this is flat: the sign is round-off."""
 
 
 def corner_measures(
     nets: Sequence[np.ndarray],  # each (N0, N1, N2, 3), control meshes, or blocks (m)
 ) -> list[np.ndarray]:
     """Smallest corner triple product of unit edges of every element, or cell."""
-    # returns each (max(N0 - 1, 1), max(N1 - 1, 1), max(N2 - 1, 1)), positive in valid elements; 1 everywhere where
-    # fewer than two directions extend
+    # returns each (max(N0 - 1, 1), max(N1 - 1, 1), max(N2 - 1, 1)), positive in valid elements; 1 everywhere if fewer
+    # than two directions extend
     measures = []
     for net in nets:
         is_line = sum(n > 1 for n in net.shape[:3]) < 2
@@ -48,9 +48,9 @@ def make_valid(
     problem: FitProblem,
     parameters: Sequence[np.ndarray],  # each (L0, L1, L2, 3), parameters of the nodes of every segment
     nodes: np.ndarray,  # (n_nodes, 3), the grid (m)
-    least_squares: FitSolution | None,  # the fit by least squares; None leaves them out
+    least_squares: FitSolution | None,  # the fit by least squares; None leaves it out
     settings: FittingSettings = FITTING,
-) -> FitSolution:  # the least squares themselves where they are valid
+) -> FitSolution:  # the least squares themselves if they are valid
     """Keep least squares where their control mesh is valid, and mix candidates where it is not."""
     if least_squares is not None and is_valid(problem.mesh.nets(least_squares.control_points)):
         return least_squares
@@ -72,8 +72,8 @@ def _evaluated(problem: FitProblem, parameters: Sequence[np.ndarray], control_po
 
 def with_sides_alike(
     problem: FitProblem, parameters: Sequence[np.ndarray], solution: FitSolution
-) -> FitSolution:  # the same where no sides are tied
-    """Lay the control points of periodic sides exactly onto each other: they are, but for digits of the nodes."""
+) -> FitSolution:  # unchanged if no sides are tied
+    """Map the control points of periodic sides exactly onto each other: they differ by the digits of the nodes."""
     ties = problem.ties
     if ties is None:
         return solution
@@ -94,12 +94,12 @@ def choose_weights(
     least_squares: np.ndarray | None,  # (n_control_points, 3), or None
     settings: FittingSettings = FITTING,
 ) -> np.ndarray:  # (n_control_points, 6), weights of `CANDIDATES` in each control point; their sum is 1
-    """Mix candidates so that the control mesh is valid wherever the grid is."""
+    """Mix candidates to make the control mesh valid wherever the grid is."""
     # 1. Start from the most robust candidate, the coarse grid, as the base.
-    # 2. Take the next closer candidate, and the least measure of each of its elements from that in the base.
-    # 3. Where the grid itself is folded, ask for nothing: no coarse grid mends that.
-    # 4. Move its points to the base until all elements have their least measure (`_retreat`).
-    # 5. What comes of it is the base of the next candidate; go on with step 2.
+    # 2. Take the next closer candidate, and the least allowed measure of each of its elements from the measure in the
+    # base. 3. Where the grid itself is folded, require nothing: no coarse grid mends that. 4. Move its points to the
+    # base until all elements have their least measure (`_retreat`). 5. The result is the base of the next candidate;
+    # continue with step 2.
     mesh = problem.mesh
     candidates = [least_squares, *quasi.candidates(nodes)]
     # step 1
@@ -140,7 +140,7 @@ def elements_with(
 
 
 def _covers_any(places: np.ndarray, is_marked: np.ndarray) -> np.ndarray:
-    """Whether the box of node numbers of each element holds a marked cell, from running sums."""
+    """Whether the box of node numbers of each element contains a marked cell, from running sums."""
     shape = [max(n - 1, 1) for n in places.shape[:3]]
     corners = list(np.ndindex(*(min(n, 2) for n in places.shape[:3])))
     ends = np.stack([places[tuple(slice(c, c + n) for c, n in zip(corner, shape))] for corner in corners])
@@ -154,7 +154,7 @@ def _covers_any(places: np.ndarray, is_marked: np.ndarray) -> np.ndarray:
 
 
 def first_marked(
-    # real node numbers of the corners of the element; one of them across a direction without extent
+    # real node numbers of the corners of the element; one only across a direction without extent
     corners: np.ndarray,  # (2, 2, 2, 3)
     is_marked: np.ndarray,  # bool, of the cells of the segment
 ) -> tuple[int, ...] | None:
@@ -205,7 +205,7 @@ def _points_of(mesh: BSplineMesh, is_marked: Sequence[np.ndarray]) -> np.ndarray
 
 
 def _fade(mesh: BSplineMesh, towards: np.ndarray, fade: float, ties: Ties | None = None) -> np.ndarray:
-    """Raise each value to that of its neighbours in any element, less a difference."""
+    """Raise each value to its neighbours' in any element, less a difference."""
     while True:
         raised = towards.copy()
         for ids in mesh.control_ids:
