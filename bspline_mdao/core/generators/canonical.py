@@ -57,8 +57,8 @@ def onera_m6_grid(
     ----------
     shape : tuple
         Nodes per block along the stream, away from the wing and along the span; see `hh_wing_grid`.
-    By default the paper's (0.001 off the wall, at the leading edge, the trailing edge and the tip), wider in
-    proportion on coarser grids.
+    spacing : Spacing, optional
+        By default the paper's (0.001 off the wall, at the leading edge, the trailing edge and the tip), wider in
         proportion on coarser grids.
     far_field : FarField, optional
         Outer boundary, 10 root chords away by default.

@@ -77,8 +77,9 @@ def moving_mesh(
 
     Parameters
     ----------
-    The fitted grid, or the part of it that one of several processes needs; or a mesh without structure, whose
-    patches are the names of its markers.
+    model : FittedModel, LocalModel or MeshModel
+        The fitted grid, or the part of it that one of several processes needs; or a mesh without structure, whose walls
+        are patches by the names of its markers.
     design : str or sequence of str, optional
         Patches whose control points are the design surface, by name or pattern (``"wing*"``); all walls by default.
     fixed : str, ndarray of int, or sequence of them
