@@ -1,4 +1,4 @@
-"""A loss that keeps the heights of the first cells at walls: nothing near those of the baseline, steep at a tolerance.
+"""A loss that preserves the first cell heights at walls: negligible near the baseline's, steep at a tolerance.
 
     loss = sum_n ((h_n / h_n0 - 1) / (0.9 tolerance))^12
 
@@ -16,7 +16,7 @@ from ...grids.cells.first_cells import FirstCells
 __all__ = ["HeightLoss"]
 
 WEIGHT, POWER, INSIDE = 1.0, 12, 0.9
-"""Factor and power of the loss, and the part of the tolerance at which one height costs the factor."""
+"""Factor and power of the loss, and the fraction of the tolerance at which one height costs the factor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,14 +24,14 @@ class HeightLoss:
     """The loss."""
 
     first_cells: FirstCells  # the first cells, with their heights on the baseline
-    tolerance: float  # by how much heights may change, relative to those of the baseline
+    tolerance: float  # allowed change of heights, relative to the baseline
 
     def add(
         self,
         nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
-        nodes_bar: np.ndarray,  # (n_nodes, 3), what the derivative with respect to the nodes is added to
+        nodes_bar: np.ndarray,  # (n_nodes, 3), receives the derivative with respect to the nodes by addition
     ) -> float:
-        """Loss of a grid, its derivative added to that of all else."""
+        """Loss of a grid; its derivative is added to ``nodes_bar``."""
         if not self.first_cells.at.size:
             return 0.0
         limit = INSIDE * self.tolerance

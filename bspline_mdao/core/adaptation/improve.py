@@ -1,4 +1,4 @@
-"""Raise the worst cells of a grid by moving interior control points; the surface stays.
+"""Improve the worst cells of a grid by moving interior control points; the surface stays fixed.
 
 Theory: ``docs/theory/adaptation.rst``.
 """
@@ -17,10 +17,10 @@ from .search import Search
 __all__ = ["improve_grid"]
 
 SHARPNESS = (10.0, 30.0, 100.0, 300.0)
-"""Sharpness of the smooth minimum in the rounds: the last one is off by a few hundredths of the ratio of Q."""
+"""Sharpness of the smooth minimum in the rounds: the last one's error is a few hundredths of the ratio of Q."""
 
 ITERATIONS = 60
-"""Iterations of a round, at most."""
+"""Maximum number of iterations in a round."""
 
 
 def improve_grid(
@@ -34,34 +34,34 @@ def improve_grid(
 ) -> Improvement:
     """Improve the worst cells of every block of a grid with a fixed surface.
 
-    The worst Q of no block falls, nor does the smallest corner of the grid, and no cell is inverted that was valid.
-    Nodes of walls, of the far field and of undeclared faces stay to the last bit, those of symmetry planes slide in
-    them, and heights of first cells at walls stay within a tolerance.
+    Neither the worst Q of any block nor the smallest corner of the grid decreases, and no valid cell becomes inverted.
+    Nodes of walls, of the far field and of undeclared faces stay to the last bit, nodes of symmetry planes slide in
+    them, and first cell heights at walls stay within a tolerance.
 
     Parameters
     ----------
     model : FittedModel
-        The fitted grid. Its residual is kept as it is.
+        The fitted grid. Its residual is preserved.
     reach : float
-        How far control points may go, by the distance to their nearest neighbours; below 0.5.
+        How far control points may move, relative to the distance to their nearest neighbours; below 0.5.
     height_tolerance : float
-        By how much the heights of first cells at walls may change, relative to what they are.
+        Allowed relative change of first cell heights at walls.
     sliding : str or sequence of str
-        Planar patches whose nodes slide in their planes, beside symmetry planes.
+        Planar patches whose nodes slide in their planes, in addition to symmetry planes.
     iterations : int
-        Iterations in each of the four rounds, at most.
+        Maximum number of iterations in each of the four rounds.
     progress : callable, optional
-        Called with the fraction done and what is being done.
+        Called with the fraction done and a description of the current step.
 
     Returns
     -------
     Improvement
-        With the grid that was given, and the reason, where nothing could be improved.
+        The result; with the given grid and a reason if nothing could be improved.
 
     Raises
     ------
     InputError
-        If an option cannot be used, no control point may move, or the grid has no cells.
+        If an option is invalid, no control point may move, or the grid has no cells.
 
     Examples
     --------

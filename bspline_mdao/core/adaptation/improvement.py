@@ -1,4 +1,4 @@
-"""What became of a grid that was to be improved, or why it could not be.
+"""The result of improving a grid, or why it could not be improved.
 
 Theory: ``docs/theory/adaptation.rst``.
 """
@@ -19,25 +19,15 @@ from .loss import stretched
 __all__ = ["LEAST_GAIN", "ORTHOGONAL", "BlockChange", "Improvement", "WorstOfBlock", "reason_of"]
 
 ORTHOGONAL = 1e-6
-"""Blocks whose worst cell lacks less than this have nothing to gain."""
+"""Blocks whose worst cell is within this of orthogonal have nothing to gain."""
 
 LEAST_GAIN = 1e-3
-"""A round is taken if its grid is better by this, in the measure of `.loss`, a thousandth of the ratio of Q."""
+"""A round is accepted if its grid is better by this, in the measure of `.loss`, a thousandth of the ratio of Q."""
 
 
 @dataclass(frozen=True)
 class WorstOfBlock(NamedCell):
-    """The cell of a block with the smallest Q, which is what is raised.
-
-    Parameters
-    ----------
-    block, i, j, k
-        See `bspline_mdao.grids.cells.report.NamedCell`.
-    q : float
-        Its Q, Eq. (9).
-    is_fixed : bool
-        Whether no interior control point moves any of its nodes.
-    """
+    """The cell of a block with the smallest Q, which is to be improved."""
 
     q: float
     is_fixed: bool
@@ -45,7 +35,7 @@ class WorstOfBlock(NamedCell):
 
 @dataclass(frozen=True)
 class BlockChange(OneLine):
-    """What became of the worst cells of a block."""
+    """Change of the worst cells of a block."""
 
     # before, after: the worst cell of the block, before and after
     before: WorstOfBlock
@@ -54,12 +44,12 @@ class BlockChange(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Improvement(OneLine):
-    """A grid with improved worst cells, or the reason why there is none.
+    """A grid with improved worst cells, or the reason why nothing improved.
 
     Parameters
     ----------
     grid : Grid
-        The grid: that which was given where nothing could be improved.
+        The grid; the given one if nothing could be improved.
     control_points : ndarray, shape (n_control_points, 3)
         Its control points (m).
     shift : InteriorShift
@@ -67,15 +57,15 @@ class Improvement(OneLine):
     values : ndarray, shape (n_values,)
         Their values.
     before, after : QualityReport
-        The cells of the grid before and after; heights of first cells are compared with those before.
+        The cells of the grid before and after; first cell heights are compared with the heights before.
     blocks : tuple of BlockChange
         The worst cells of every block.
     iterations, evaluations : int
-        Of the optimiser, in all rounds.
+        Counts of the optimizer, in all rounds.
     seconds : float
-        Wall clock of the improvement.
+        Wall time of the improvement.
     reason : str
-        Why nothing could be improved, or what keeps the worst cell of the grid where it is; empty where it has risen.
+        Why nothing could be improved, or what limits the worst cell of the grid; empty if that has improved.
 
     Examples
     --------
@@ -101,17 +91,17 @@ class Improvement(OneLine):
 
     @property
     def is_better(self) -> bool:
-        """Whether the worst cells that can move are better; if not, the grid is that which was given."""
+        """Whether the worst movable cells are better; if not, the grid is the given one."""
         return bool(self.values.any())
 
     @property
     def n_moved(self) -> int:
-        """Number of control points that were moved."""
+        """Number of moved control points."""
         return len(np.unique(self.shift.point_ids[self.values != 0.0]))
 
 
 def reason_of(changes: Sequence[BlockChange]) -> str:
-    """Say why the worst cell of a grid has not risen; nothing where it has."""
+    """Say why the worst cell of a grid has not improved; empty if it has."""
     worst = min((change.before for change in changes), key=lambda cell: cell.q)
     least = min(change.after.q for change in changes)
     if stretched(np.array(least)) > stretched(np.array(worst.q)) + LEAST_GAIN / 2.0:

@@ -1,11 +1,11 @@
-"""A smooth loss that falls as the worst cells of every block get better.
+"""A smooth loss that decreases as the worst cells of every block improve.
 
     g(Q) = asinh(Q / 0.001),    t_b = KS_rho(g of the cells of block b) - its value at the start,
     loss = sum_b  -t_b + kappa s ln(1 + exp(-t_b / s)) - 0.3 (mean Q of the cells)
 
-The change of variable makes a gain of the same ratio worth the same whatever Q is, through zero as well, since Q is a
-product of eight corners. The second term charges blocks that get worse twenty times what others gain; the third keeps
-other cells from paying for the worst ones more than they have to.
+The change of variable values the same ratio of gain equally whatever Q is, also through zero, since Q is a product of
+eight corners. The second term charges blocks that get worse twenty times what others gain; the third keeps other cells
+from losing more than necessary for the worst ones.
 
 Theory: ``docs/theory/adaptation.rst``.
 """
@@ -22,14 +22,14 @@ from ...grids.cells.aggregates import KreisselmeierSteinhauser
 __all__ = ["MEAN", "WIDTH", "WorstCells", "price", "price_slope", "stretched"]
 
 SMALL = 1e-3
-"""Q below which gains count by their difference, not by their ratio."""
+"""Q below which gains count by difference instead of ratio."""
 
 PRICE, WIDTH = 20.0, 5e-3
-"""What a block that gets worse costs, by what it loses, and the width of the transition."""
+"""Cost of a block that gets worse, relative to its loss, and the width of the transition."""
 
 
 MEAN = 0.3
-"""What the mean Q of the cells of a block counts, beside the gain of its worst."""
+"""Weight of the mean Q of a block's cells relative to the gain of its worst."""
 
 
 def stretched(q: np.ndarray) -> np.ndarray:
@@ -41,19 +41,19 @@ def stretched(q: np.ndarray) -> np.ndarray:
 class WorstCells:
     """The loss. Made by `WorstCells.at`."""
 
-    groups: tuple[np.ndarray, ...]  # of int, numbers of the cells of every block that count
+    groups: tuple[np.ndarray, ...]  # of int, numbers of the cells considered in every block
     rule: KreisselmeierSteinhauser  # smooth smallest number
-    start: tuple[float, ...]  # what the rule makes of each group at the start
-    mean: float = MEAN  # what the mean Q of the cells of a block counts
+    start: tuple[float, ...]  # value of the rule for each group at the start
+    mean: float = MEAN  # weight of the mean Q of a block's cells
 
     @classmethod
     def at(
         cls,
         q: np.ndarray,  # (n_cells,), Q of every cell at the start
-        # of int, numbers of the cells that count, block by block; a block without such is left out
+        # of int, numbers of the cells considered, block by block; a block without any is left out
         groups: Sequence[np.ndarray],
         sharpness: float,  # of the smooth minimum: it is below the smallest ``g`` by at most ln(n) / sharpness
-        mean: float = MEAN,  # what the mean Q of the cells of a block counts
+        mean: float = MEAN,  # weight of the mean Q of a block's cells
     ) -> WorstCells:
         """Make the loss."""
         rule, kept = KreisselmeierSteinhauser(sharpness), tuple(ids for ids in groups if len(ids))
@@ -75,13 +75,13 @@ class WorstCells:
         return bar
 
     def _gains(self, q: np.ndarray) -> list[float]:
-        """What every block has gained."""
+        """Gain of every block."""
         parts = (self.rule.value(self.rule.part(stretched(q[ids]))) for ids in self.groups)
         return [value - start for value, start in zip(parts, self.start)]
 
 
 def price(gain: float) -> float:
-    """Price of what a gain lacks to be positive, zero from some `WIDTH` on; complex-safe, and it does not overflow."""
+    """Price of a negative gain, zero beyond some `WIDTH`; complex-safe, without overflow."""
     low = min(0.0, np.real(gain))
     return PRICE * (WIDTH * np.log(np.exp(low / WIDTH) + np.exp((low - gain) / WIDTH)) - low)
 

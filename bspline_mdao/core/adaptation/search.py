@@ -1,12 +1,12 @@
-"""Search for values of interior control points that raise the worst cells of every block.
+"""Search for values of interior control points that improve the worst cells of every block.
 
     x = x_0 + A E v
 
-with the spline map A of the fit (whose residual stays as it is), the displacements E of `InteriorPoints`, and v within
-bounds. Rounds of L-BFGS-B lower the loss of `.loss`, that of `.heights`, and one of the grid's worst corner, each round
-sharper than the one before and with the control points free that move cells near the worst of a block. What makes a
-block worse, inverts a cell or leaves the tolerance of heights is not taken: the control points that did it are held,
-and the round is run again.
+with the spline map A of the fit (whose residual is preserved), the displacements E of `InteriorPoints`, and v within
+bounds. Rounds of L-BFGS-B lower the losses of `.loss` and `.heights`, and one for the grid's worst corner. Each round
+is sharper than the previous, with free control points that move cells near the worst of a block. A result that makes a
+block worse, inverts a cell or exceeds the height tolerance is rejected: the control points responsible are fixed, and
+the round is run again.
 
 Theory: ``docs/theory/adaptation.rst``.
 
@@ -33,19 +33,20 @@ from .loss import MEAN, WIDTH, WorstCells, price, price_slope, stretched
 __all__ = ["Search"]
 
 ATTEMPTS = 6
-"""Times that a round is run, each without the control points that spoiled the one before."""
+"""Number of times a round is run, each without the control points that spoiled the previous run."""
 
 FRACTION = 0.5
-"""Cells are near the worst of their block where they lack this part, at least, of what that lacks to be orthogonal."""
+"""Cells are near the worst of their block if their distance from orthogonal is at least this fraction of the
+worst's."""
 
 STUCK = 1e-3
-"""A cell that random steps change by less than this, in the measure of `.loss`, cannot be raised; it is guarded."""
+"""A cell that random steps change by less than this, in the measure of `.loss`, cannot be improved and is guarded."""
 
 PROBES = 8
-"""Random signs that the scales of values are estimated with."""
+"""Number of random sign vectors used to estimate the scales of values."""
 
 ROUND_OFF = 1e-9
-"""Q may fall by this and count as unchanged."""
+"""Q may decrease by this and count as unchanged."""
 
 CORNER = "corner_ks"
 """The smooth bound of the corners of all cells."""
@@ -54,11 +55,11 @@ CORNER_SHARPNESS = 300.0
 """Its sharpness."""
 
 MOST_MARGIN = 3 * WIDTH
-"""By how much that bound is to rise, at most, so that the worst corner itself does not fall."""
+"""Largest required rise of that bound, so that the worst corner itself does not decrease."""
 
 
 class Search:
-    """The grid on its way: values that were taken last, and what they are compared with."""
+    """State of the search: the last accepted values, and what they are compared with."""
 
     def __init__(self, model: FittedModel, shift: InteriorShift, tolerance: float):
         self.model, self.shift, self.tolerance = model, shift, tolerance
@@ -83,7 +84,7 @@ class Search:
         return [block.cells for block in self.quality.blocks]
 
     def nodes_at(self, values: np.ndarray) -> np.ndarray:
-        """Nodes of the grid (m): those that no control point moves keep every bit."""
+        """Nodes of the grid (m); nodes that no control point moves keep every bit."""
         return self.nodes + self.evaluator.forward(self.shift.displacement(values))
 
     def cells(self, nodes: np.ndarray) -> np.ndarray:
@@ -112,10 +113,10 @@ class Search:
         return loss, self.shift.vjp(self.evaluator.adjoint(bar))
 
     def run_round(self, sharpness: float, iterations: int) -> None:
-        """Take what L-BFGS-B finds, unless it spoils something; then prevent that and try again."""
-        # The smooth bound of corners leaves some slack: where only the worst corner of the grid has fallen, that bound
-        # is raised first. Where a block has got worse, the mean of its cells counts no more. What spoils a grid after
-        # that is held.
+        """Accept the result of L-BFGS-B unless it spoils something; then prevent that and try again."""
+        # The smooth bound of corners leaves some slack: if only the worst corner of the grid has decreased, that bound
+        # is raised first. If a block has got worse, the mean of its cells is dropped. Control points that still spoil a
+        # grid are fixed.
         for _ in range(ATTEMPTS):
             free = self.free_values()
             if not free.any():
@@ -139,7 +140,7 @@ class Search:
                 self.is_fixed |= self.values_that_move(spoiled)
 
     def minimised(self, sharpness: float, iterations: int, free: np.ndarray) -> np.ndarray:
-        """Values that L-BFGS-B finds from those taken last, the free ones moved."""
+        """Values found by L-BFGS-B from the last accepted ones, varying the free ones."""
         is_moved = self.moved_cells(free) & ~self.stuck_cells(free)
         worst = WorstCells.at(
             self.q_now, [np.flatnonzero(is_moved[s]) + s.start for s in self.slices], sharpness, self.mean
@@ -159,7 +160,7 @@ class Search:
         return values
 
     def scales_of_heights(self) -> np.ndarray:
-        """Steps of the values that are alike to the optimiser: short where the heights of first cells feel them."""
+        """Equivalent steps of the values for the optimizer: short if they affect first cell heights."""
         # The sum of squares of a column of the derivative of all heights is the mean square of its products with random
         # signs.
         first, random, squares = self.quality.first_cells, np.random.default_rng(0), np.zeros(self.shift.n_values)
@@ -180,7 +181,7 @@ class Search:
         return self.values_that_move(self.nodes_of_cells(near)) & ~self.is_fixed
 
     def spoiled_nodes(self, nodes: np.ndarray, q: np.ndarray, corners: np.ndarray) -> np.ndarray:
-        """Nodes of cells that make a block worse than it was given or are newly inverted, and walls' next ones."""
+        """Nodes of cells that make a block worse or are newly inverted, and nodes next to walls with wrong heights."""
         is_worse = (self.corners > 0.0) & ~(corners > 0.0)
         for cells, least in zip(self.slices, self.worst):
             is_worse[cells] |= q[cells] < least - ROUND_OFF
@@ -191,7 +192,7 @@ class Search:
         return is_spoiled
 
     def score(self, q: np.ndarray) -> float:
-        """What grids that spoil nothing are compared by: the worst of all blocks, that of the grid once more."""
+        """Score for comparing unspoiled grids: the worst of all blocks, with the grid's worst counted twice."""
         worst = stretched(self.worst_by_block(np.where(self.moved_by_any, q, np.inf)).clip(max=1.0))
         return float(worst.sum() + worst.min())
 
@@ -207,7 +208,7 @@ class Search:
         return weights[self.shift.point_ids] > 0.0
 
     def stuck_cells(self, free: np.ndarray) -> np.ndarray:
-        """Cells far from orthogonal that random steps of some of the values hardly change: of those on walls, most."""
+        """Cells far from orthogonal that random steps of some values hardly change: most cells on walls."""
         nodes, random = self.nodes_at(self.values), np.random.default_rng(0)
         found, changes = self.quality.evaluate(nodes, (), cells=True), []
         for _ in range(2):
@@ -243,7 +244,7 @@ class Search:
         return is_node
 
     def result(self, seconds: float) -> Improvement:
-        """Report on what was found."""
+        """Report the result."""
         nodes = self.nodes_at(self.values)
         changes = [
             BlockChange(self.worst_cell(block, self.q), self.worst_cell(block, self.q_now))

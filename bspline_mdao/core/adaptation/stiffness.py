@@ -1,13 +1,13 @@
-"""Variables in which control points move together: those of a search that knows what shears cells.
+"""Variables in which control points move together, for a search aware of cell shear.
 
-A displacement that changes from a control point to the next by a part of their distance stretches or shears the cells
-between by as much, a thousandth of a chord those on a wall. With the sum of the squares of these parts over all edges
-of the control mesh and of the values themselves,
+A displacement that changes from one control point to the next by a fraction of their distance strains the cells between
+by as much, even by a thousandth of a chord for cells on a wall. With the sum of squares of these fractions over all
+edges of the control mesh and of the values themselves,
 
     w^T K w = sum_edges (d_a - d_b)^2 / l_ab^2 + w^T w ,      K = C C^T ,
 
-the values are ``r tanh(w / r)`` with ``w = w_0 + C^-T u``: steps of one length in u strain the grid alike, and no value
-leaves its bounds, -r and r.
+the values are ``r tanh(w / r)`` with ``w = w_0 + C^-T u``: steps of equal length in u strain the grid equally, and no
+value leaves its bounds, -r and r.
 
 Theory: ``docs/theory/adaptation.rst``.
 """
@@ -26,12 +26,12 @@ from ..model.fitted_model import FittedModel
 __all__ = ["StiffValues"]
 
 LARGEST = 1.0 - 1e-9
-"""Values by their bounds, at most, that steps begin from."""
+"""Largest values, relative to their bounds, from which steps start."""
 
 
 @dataclass(frozen=True, eq=False)
 class StiffValues:
-    """The change of variables. Made by `of`, and begun from other values by `at`."""
+    """The change of variables. Made by `of`, and restarted from other values by `at`."""
 
     upper: csr_array  # (n_values, n_values), ``C^T``, its columns in another order
     order: np.ndarray  # (n_values,) of int, that order
@@ -40,7 +40,7 @@ class StiffValues:
 
     @classmethod
     def of(cls, model: FittedModel, shift: InteriorShift) -> StiffValues:
-        """Factor the matrix of the edges of a control mesh, for steps from where nothing moves."""
+        """Factor the edge matrix of a control mesh, for steps from zero displacement."""
         matrix = shift.matrix
         strains = [_strains(model) @ matrix[axis::3] for axis in range(3)]
         stiffness = csc_array(sum(part.T @ part for part in strains) + eye_array(shift.n_values))
@@ -50,24 +50,24 @@ class StiffValues:
         return cls(upper, np.argsort(factor.perm_c), shift.reach, shift.initial)
 
     def at(self, values: np.ndarray) -> StiffValues:
-        """Begin from values, shape (n_values,)."""
+        """Start from values, shape (n_values,)."""
         parts = np.clip(values / self.reach, -LARGEST, LARGEST)
         return replace(self, start=self.reach * np.arctanh(parts))
 
     def values(self, steps: np.ndarray) -> np.ndarray:
-        """Values of steps u, shape (n_values,)."""
+        """Values at steps u, shape (n_values,)."""
         moved = np.empty_like(steps)
         moved[self.order] = spsolve_triangular(self.upper, steps, lower=False)
         return self.reach * np.tanh((self.start + moved) / self.reach)
 
     def vjp(self, values: np.ndarray, bar: np.ndarray) -> np.ndarray:
-        """Derivative with respect to the steps, of that with respect to the values that they lead to."""
+        """Derivative with respect to the steps, from the derivative with respect to the values."""
         slopes = 1.0 - (values / self.reach) ** 2
         return spsolve_triangular(csr_array(self.upper.T), (slopes * bar)[self.order], lower=True)
 
 
 def _strains(model: FittedModel) -> csr_array:
-    """Differences of the ends of all edges of the control mesh, each divided by its length (n_edges, n_points)."""
+    """Differences between the ends of all edges of the control mesh, divided by their lengths (n_edges, n_points)."""
     points, ends = model.control_points, []
     for ids in model.mesh.control_ids:
         for d in range(3):
