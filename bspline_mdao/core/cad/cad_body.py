@@ -1,13 +1,13 @@
-"""Faces of a CAD file as one body: nodes that are tied to them by their (u, v), and control points that move them.
+"""Faces of a CAD file as one body: nodes are tied to them by (u, v), and control points move them.
 
-A node x whose nearest point of the body is S(u, v) of one face goes with it, (u, v) being what it is:
+A node x whose nearest point on the body is S(u, v) on one face moves with it at constant (u, v):
 
     x + S_new(u, v) - S_old(u, v) = x + B (P_new - P_old) ,
 
-B being the rational functions there and P control points: linear, and x itself where nothing moves. Control points on
-the boundaries of faces that coincide are one, so that faces whose edges have the same splines stay joined. At other
-edges, such as those that trim a face, all control points that reach them are fixed, and the body stays closed whatever
-the rest does. Theory: ``docs/theory/cad.rst``.
+with the rational functions B there and the control points P: linear, and exactly x if nothing moves. Coincident control
+points on boundaries of faces are one, so faces whose edges have the same splines stay joined. At other edges, such as
+trimming edges, all control points that affect them are fixed, so the body stays closed however the rest moves. Theory:
+``docs/theory/cad.rst``.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from .trimmed_face import TrimmedFace
 __all__ = ["CadBody", "CadTie"]
 
 JOINED = 1e-7
-"""Distance, relative to the size of a body, at which control points and edges of two faces are one."""
+"""Distance, relative to the size of a body, at which control points and edges of two faces coincide."""
 
 SAME_WEIGHT = 1e-9
-"""Weights of control points, from 0 to 1, that are the same but for rounding."""
+"""Difference between weights of control points, from 0 to 1, that is rounding error."""
 
 IDLE = 1e-12
-"""Weight of a control point that counts as none."""
+"""Weight of a control point that counts as zero."""
 
 GAP = 1e-3
-"""Edges of two faces that come apart by more than this part of what a second file moves them were not of one
-topology; refits, to a tolerance each, leave far less."""
+"""Edges of two faces that separate by more than this fraction of their motion in a second file did not have the same
+topology; refits, each to a tolerance, leave far less."""
 
 
 CUT = (
@@ -51,10 +51,10 @@ CUT = (
     "faces are supported, as where these move together; write faces untrimmed, or leave patches at this edge out of "
     "the design"
 )
-"""Why faces come apart where an edge trims one of them, and what to do."""
+"""Why faces separate where an edge trims one of them, and what to do."""
 
 OTHERWISE = "their parameters run otherwise; write both files in the same way, with the same options"
-"""Why they do elsewhere."""
+"""Why faces separate elsewhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +63,8 @@ class CadTie(OneLine):
 
     faces: np.ndarray  # int (n,), number of the face
     uv: np.ndarray  # (n, 2), parameters there, from 0 to 1
-    distances: np.ndarray  # (n,), from the point to its place on the face (m)
-    on_edge: np.ndarray  # bool (n,), whether that is an edge that trims the face
+    distances: np.ndarray  # (n,), from the point to its position on the face (m)
+    on_edge: np.ndarray  # bool (n,), whether that is on an edge that trims the face
 
     def only(self, rows: np.ndarray) -> CadTie:
         """Return the ties of some points."""
@@ -73,7 +73,7 @@ class CadTie(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class CadBody(OneLine):
-    """The faces of a CAD file as B-spline surfaces that can be moved. Made by `CadShape.body`.
+    """The faces of a CAD file as movable B-spline surfaces. Made by `CadShape.body`.
 
     Parameters
     ----------
@@ -82,9 +82,9 @@ class CadBody(OneLine):
     faces : tuple of TrimmedFace
         Its faces, in the order of the file: names, knots, weights and control points (m), and edges in (u, v).
     scale : float
-        Lengths here by metres of the file.
+        Length here per metre in the file.
     units : str
-        Unit of length of the file: ``"m"``, ``"mm"``, ``"in"`` or ``"ft"``; metres where it has another one.
+        Unit of length of the file: ``"m"``, ``"mm"``, ``"in"`` or ``"ft"``; metres for any other unit.
     origin : TopoDS_Shape, optional
         OpenCascade's own object, of B-splines, in millimetres, as the file has it.
 
@@ -110,12 +110,12 @@ class CadBody(OneLine):
 
     @cached_property
     def _net(self) -> np.ndarray:
-        """Control points of all faces, one after the other, shape (n_all, 3)."""
+        """Concatenated control points of all faces, shape (n_all, 3)."""
         return np.concatenate([face.surface.control_points.reshape(-1, 3) for face in self.faces])
 
     @cached_property
     def _starts(self) -> np.ndarray:
-        """Row of the first control point of every face, and the number of all."""
+        """Row of the first control point of every face, and the total number."""
         return np.concatenate([[0], np.cumsum([face.surface.n_control for face in self.faces])])
 
     @cached_property
@@ -125,12 +125,12 @@ class CadBody(OneLine):
 
     @cached_property
     def _joined(self) -> float:
-        """Distance at which edges are one (m)."""
+        """Distance (m) at which edges coincide."""
         return max(JOINED * self.size, *(face.tolerance for face in self.faces))
 
     @cached_property
     def ids(self) -> np.ndarray:
-        """Number of each control point of all faces: those that coincide on boundaries have one; int (n_all,)."""
+        """Number of each control point of all faces, shared by coincident ones on boundaries; int (n_all,)."""
         on_boundary = []
         for face, start in zip(self.faces, self._starts):
             mask = np.ones(face.surface.weights.shape, dtype=bool)
@@ -141,14 +141,14 @@ class CadBody(OneLine):
         n = len(self._net)
         links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
         found = connected_components(links, directed=False)[1]
-        first = np.unique(found, return_index=True)[1]  # numbered in the order of their first ones
+        first = np.unique(found, return_index=True)[1]  # numbered in order of first occurrence
         order = np.empty(len(first), dtype=int)
         order[np.argsort(first)] = np.arange(len(first))
         return order[found]
 
     @cached_property
     def _firsts(self) -> np.ndarray:
-        """Row of the first of the control points that each number stands for."""
+        """Row of the first control point with each number."""
         return np.unique(self.ids, return_index=True)[1]
 
     @property
@@ -162,14 +162,14 @@ class CadBody(OneLine):
         low: Sequence[float | None] = (None, None, None),
         high: Sequence[float | None] = (None, None, None),
     ) -> np.ndarray:
-        """Choose control points by the faces that they are of, and by a box.
+        """Choose control points by their faces, and by a box.
 
         Parameters
         ----------
         faces : str or sequence of str, optional
             Names or patterns of faces (``"wing*"``); all by default. Points shared with others are chosen, too.
         low, high : sequence of three floats, optional
-            Corners of the box (m), None where there is no limit.
+            Corners of the box (m), None for no limit.
 
         Returns
         -------
@@ -196,7 +196,7 @@ class CadBody(OneLine):
         Parameters
         ----------
         control_points : ndarray, shape (n, 3)
-            New places (m), in the order of ``control_points``.
+            New positions (m), in the order of ``control_points``.
 
         Returns
         -------
@@ -214,11 +214,11 @@ class CadBody(OneLine):
         parts = np.split(moved, self._starts[1:-1])
         surfaces = [face.surface.at(part) for face, part in zip(self.faces, parts)]
         body = replace(self, faces=tuple(replace(face, surface=s) for face, s in zip(self.faces, surfaces)))
-        body.__dict__["ids"] = self.ids  # what is one stays one
+        body.__dict__["ids"] = self.ids  # merged points stay merged
         return body
 
     def scaled(self, factor: float) -> CadBody:
-        """Return the body in another unit, of which a metre has so many."""
+        """Return the body in another unit; ``factor`` is its number per metre."""
         faces = [
             replace(
                 face, surface=face.surface.at(factor * face.surface.control_points), tolerance=factor * face.tolerance
@@ -228,14 +228,14 @@ class CadBody(OneLine):
         return replace(self, faces=tuple(faces), scale=factor * self.scale)
 
     def tie(self, points: np.ndarray, names: Sequence[frozenset[str]] | None = None) -> CadTie:
-        """Find the places on the faces that are nearest to points.
+        """Find the points on the faces nearest to points.
 
         Parameters
         ----------
         points : ndarray, shape (n, 3)
             The points (m).
         names : sequence of frozenset of str, optional
-            Names of the faces that each may be tied to, shape (n,); all by default.
+            Names of the faces to which each may be tied, shape (n,); all by default.
 
         Returns
         -------
@@ -272,14 +272,14 @@ class CadBody(OneLine):
         return self.tie(points).distances
 
     def places(self, tie: CadTie) -> np.ndarray:
-        """Points of the faces where points are tied (m), shape (n, 3)."""
+        """Positions (m) on the faces where points are tied, shape (n, 3)."""
         found = np.empty((len(tie.faces), 3))
         for number, rows in self._by_face(tie):
             found[rows] = self.faces[number].surface.points(tie.uv[rows])
         return found
 
     def matrix(self, tie: CadTie) -> csr_array:
-        """Weights of control points in the places of ties: shape (n, n_control_points), rows sum to one."""
+        """Weights of control points at ties: shape (n, n_control_points), rows sum to one."""
         n, parts, order = len(self._firsts), [], []
         for number, rows in self._by_face(tie):
             found = self.faces[number].surface.matrix(tie.uv[rows]).tocoo()
@@ -291,23 +291,23 @@ class CadBody(OneLine):
         return csr_array(vstack(parts, format="csr")[np.argsort(np.concatenate(order))])
 
     def _by_face(self, tie: CadTie) -> list[tuple[int, np.ndarray]]:
-        """Numbers of faces, and the points that are tied to each."""
+        """Numbers of faces, and the points tied to each."""
         return [(int(number), np.flatnonzero(tie.faces == number)) for number in np.unique(tie.faces)]
 
     def displacement(self, moved: CadBody, tie: CadTie) -> np.ndarray:
-        """Displacements of ties where a body has become another one (m), shape (n, 3).
+        """Displacements (m) of ties from this body to a moved one, shape (n, 3).
 
         Parameters
         ----------
         moved : CadBody
-            The same faces, of other control points, or knots and degrees: made by `at`, or matched by `matched`.
+            The same faces with other control points, or other knots and degrees: made by `at` or `matched`.
         tie : CadTie
             Ties to this body.
         """
         return moved.places(tie) - self.places(tie)
 
     def displacement_rates(self, moved: CadBody, tie: CadTie, points: np.ndarray, changes: np.ndarray) -> np.ndarray:
-        """Differentiate `displacement` along changes of the points that are tied, both (n, 3): their (u, v) change."""
+        """Differentiate `displacement` along changes of the tied points, both (n, 3), with varying (u, v)."""
         found = np.empty((len(tie.faces), 3))
         for number, rows in self._by_face(tie):
             face, uv = self.faces[number], tie.uv[rows]
@@ -318,7 +318,7 @@ class CadBody(OneLine):
         return found
 
     def control_points_of(self, other: CadBody) -> np.ndarray:
-        """Control points of matched faces that have the same knots and degrees (m), in the order of these."""
+        """Control points (m) of matched faces with the same knots and degrees, in this body's order."""
         for ours, theirs in zip(self.faces, other.faces):
             one, two = ours.surface, theirs.surface
             alike = [len(a) == len(b) and np.allclose(a, b, atol=SAME_WEIGHT) for a, b in zip(one.knots, two.knots)]
@@ -331,7 +331,7 @@ class CadBody(OneLine):
 
     @cached_property
     def joints(self) -> tuple[CadTie, CadTie]:
-        """Points of edges that two faces share, as ties to one of them and to the other."""
+        """Points on edges shared by two faces, as ties to one face and to the other."""
         first, second = [], []
         for number, face in enumerate(self.faces):
             uv = face.edge_points
@@ -354,7 +354,7 @@ class CadBody(OneLine):
 
     @cached_property
     def is_fixed(self) -> np.ndarray:
-        """Whether each control point stays where it is, so that no edge comes apart; bool (n,)."""
+        """Whether each control point is fixed, so that no edge opens; bool (n,)."""
         first, second = self.joints
         fixed = np.zeros(len(self._firsts), dtype=bool)
         if len(first.faces):
@@ -366,12 +366,12 @@ class CadBody(OneLine):
         return fixed
 
     def matched(self, other: CadBody) -> CadBody:
-        """Return the faces of a second file in the order of these.
+        """Return the faces of a second file in this body's order.
 
         Parameters
         ----------
         other : CadBody
-            Faces of the same topology, with the same names, or in the same order: with parameters that run alike, of
+            Faces of the same topology, with the same names or in the same order, with matching parameter directions and
             any knots and degrees.
 
         Returns
@@ -381,7 +381,7 @@ class CadBody(OneLine):
         Raises
         ------
         InputError
-            If it has other faces, or edges that are one here are not there.
+            If it has other faces, or if edges joined here are separate there.
         """
         what = f"{other.source}: is to be {self.source} moved"
         if len(other.faces) != len(self.faces):
@@ -419,7 +419,7 @@ def _together(ties: Sequence[CadTie]) -> CadTie:
 
 
 def _numbered(names: Sequence[str]) -> list[tuple[str, int]]:
-    """Names, and how often each was there before."""
+    """Names, and how often each occurred before."""
     counts: Counter[str] = Counter()
     found = []
     for name in names:
@@ -429,9 +429,9 @@ def _numbered(names: Sequence[str]) -> list[tuple[str, int]]:
 
 
 def _is_named(names: Sequence[str]) -> bool:
-    """Whether faces have names of their file, and not only numbers."""
+    """Whether faces have names from their file, not only numbers."""
     return not all(name.startswith(NUMBERED) for name in names)
 
 
 NUMBERED = "face "
-"""What faces without a name are called, with their number."""
+"""Name of faces without one, followed by their number."""

@@ -1,8 +1,8 @@
-"""Common knots of surfaces along the edges that they share: with them control points of both coincide there.
+"""Common knots of surfaces along shared edges, so that control points of both coincide there.
 
-A refit halves spans of one surface and not of its neighbour. Their edges are the same curves all the same, but with
-control points of two sets, and whoever moves these in CAD tears the edge open. All surfaces whose knots agree along
-edges get the union of theirs, by knot insertion, which changes no surface.
+A refit halves spans of one surface but not of its neighbour. Their edges are still the same curves, but with two sets
+of control points, and moving these in CAD opens the edge. All surfaces whose knots agree along edges get the union of
+their knots, by knot insertion, which changes no surface.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def with_common_knots(
     sides: Sequence[SplineSide],  # the walls
     surfaces: Sequence[TensorSurface],  # the surface of each
 ) -> list[TensorSurface]:
-    """Insert knots until surfaces that share an edge have the same ones along it."""
+    """Insert knots until surfaces that share an edge have the same knots along it."""
     found = list(surfaces)
     for members, is_symmetric in agreeing_directions(sides):
         parts = [turned(surfaces[n].knots[axis], is_turned) for (n, axis), is_turned in members.items()]

@@ -1,4 +1,4 @@
-"""STEP and IGES files by OpenCascade: the names of patches go with the faces, and the unit is the file's."""
+"""STEP and IGES files by OpenCascade, with patch names on the faces and the unit of the file."""
 
 from __future__ import annotations
 
@@ -23,40 +23,40 @@ SUFFIXES = {".step": "STEP", ".stp": "STEP", ".iges": "IGES", ".igs": "IGES"}
 """Format by suffix."""
 
 UNITS = {"m": "M", "mm": "MM", "in": "INCH", "ft": "FT"}
-"""Units of length of files, with the names that OpenCascade has for them."""
+"""Units of length of files, with OpenCascade's names for them."""
 
 UNIT_WORDS = {"metre": "m", "millimetre": "mm", "inch": "in", "foot": "ft"} | {unit: unit for unit in UNITS}
-"""Units by the words that files of either format have for them."""
+"""Units by their words in files of both formats."""
 
 FACES_WITH_EDGES = 1
-"""IGES: faces with the edges that they share (entities 186 and 514), not each with curves of its own (144)."""
+"""IGES: faces with shared edges (entities 186 and 514), not each with its own curves (144)."""
 
 TRIMMED_SURFACE = 144
-"""IGES: entity of a face with curves of its own."""
+"""IGES: entity of a face with its own curves."""
 
 
 @dataclass(frozen=True, eq=False)
 class CadShape(OneLine):
-    """What is in a CAD file. Made by `read_cad`.
+    """The contents of a CAD file. Made by `read_cad`.
 
     Parameters
     ----------
     n_faces, n_shells, n_solids : int
-        How many there are.
+        Their numbers.
     names : tuple of str
-        Names of the faces that have one.
+        Names of the named faces.
     is_valid : bool
         Whether OpenCascade finds nothing wrong: curves on their surfaces, closed wires, shells whose faces agree.
     free_edges : tuple of ndarray, each of shape (9, 3)
-        Points (m) of every edge that only one face has.
+        Points (m) of every edge that belongs to only one face.
     shape : TopoDS_Shape
         OpenCascade's own object, in millimetres.
     source : str
         The file.
     unit : str
-        Unit of length of the file; lengths here are in metres whatever it is.
+        Unit of length of the file; lengths here are always in metres.
     face_names : tuple of str
-        Name of every face in the order of the file; ``"face 3"`` for the third where it has none.
+        Name of every face in the order of the file; ``"face 3"`` for the third if it has none.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class CadShape(OneLine):
 
     @cached_property
     def body(self) -> CadBody:
-        """The faces as B-spline surfaces of our own, to tie nodes to; other surfaces are converted by OpenCascade."""
+        """The faces as B-spline surfaces of this package, to tie nodes to; OpenCascade converts other surfaces."""
         converted, faces = spline_faces(self.shape)
         trimmed = tuple(trimmed_face(face, name) for face, name in zip(faces, self.face_names))
         return CadBody(self.source, trimmed, units=UNIT_WORDS.get(self.unit.lower(), "m"), origin=converted)
@@ -90,9 +90,9 @@ class CadShape(OneLine):
         return not self.free_edges
 
     def distances(self, points: np.ndarray) -> np.ndarray:
-        """Distances (m), shape (n,), of points, shape (n, 3), in metres, from the faces, by projection on them.
+        """Distances (m), shape (n,), of points (m), shape (n, 3), from the faces, by projection.
 
-        OpenCascade projects point by point, in about a millisecond for each face that is near.
+        OpenCascade projects point by point, in about a millisecond for each nearby face.
         """
         from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
         from OCP.BRepExtrema import BRepExtrema_DistShapeShape
@@ -106,7 +106,7 @@ class CadShape(OneLine):
 
 
 def check_cad_name(path: str | os.PathLike, units: str = "m") -> str:
-    """Return the format that the name of a file asks for, ``"STEP"`` or ``"IGES"``."""
+    """Return the format implied by a file name, ``"STEP"`` or ``"IGES"``."""
     form = SUFFIXES.get(Path(path).suffix.lower())
     if form is None:
         raise InputError(f"{path}: no CAD file by its name; end it in {', '.join(SUFFIXES)}")
@@ -143,7 +143,7 @@ def write_shape(
 
 
 def _done() -> tuple:
-    """What writers and readers return when all went well."""
+    """Status of writers and readers on success."""
     from OCP.IFSelect import IFSelect_ReturnStatus
 
     return (IFSelect_ReturnStatus.IFSelect_RetDone, True)
@@ -164,7 +164,7 @@ def _step_writer(unit: str) -> Any:
     from OCP.Interface import Interface_Static
     from OCP.STEPCAFControl import STEPCAFControl_Writer
 
-    writer = STEPCAFControl_Writer()  # it declares the parameters that are set next
+    writer = STEPCAFControl_Writer()  # it declares the parameters set next
     Interface_Static.SetCVal_s("write.step.unit", unit)
     Interface_Static.SetIVal_s("write.stepcaf.subshapes.name", 1)
     writer = STEPCAFControl_Writer()
@@ -186,7 +186,7 @@ def _iges_writer(unit: str) -> Any:
 
 
 class quiet:
-    """OpenCascade prints on the terminal what it writes and reads; here it does not."""
+    """Silence OpenCascade's printing about what it writes and reads."""
 
     def __enter__(self) -> None:
         from OCP.Message import Message
@@ -204,7 +204,7 @@ class quiet:
 
 
 def read_cad(path: str | os.PathLike) -> CadShape:
-    """Read a CAD file by OpenCascade, and look at what is in it.
+    """Read a CAD file by OpenCascade, and inspect its contents.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def read_cad(path: str | os.PathLike) -> CadShape:
 
 
 def read_shape(path: str | os.PathLike, form: str) -> CadShape:
-    """Read a file of a format, ``"STEP"`` or ``"IGES"``, whatever it is called; see `read_cad`."""
+    """Read a file of a format, ``"STEP"`` or ``"IGES"``, whatever its name; see `read_cad`."""
     reader, document = _reader(form), _document()
     with quiet():
         if reader.ReadFile(str(path)) not in _done() or not reader.Transfer(document):
@@ -282,7 +282,7 @@ def _is_valid(shape: Any) -> bool:
 
 
 def _unit(reader: Any, form: str) -> str:
-    """Name of the unit of length of a file that was read, as the file has it: ``"millimetre"``, ``"MM"``."""
+    """Name of the unit of length as written in the file: ``"millimetre"``, ``"MM"``."""
     if form == "IGES":
         return str(reader.IGESModel().GlobalSection().UnitName().ToCString())
     from OCP.collections import Sequence_TCollection_AsciiString as Names
@@ -293,7 +293,7 @@ def _unit(reader: Any, form: str) -> str:
 
 
 def _contents(document: Any) -> tuple[Any, list[tuple[Any, str]]]:
-    """Shape of all that a document holds, and parts of it with their names."""
+    """Shape of everything in a document, and its parts with their names."""
     from OCP.collections import Sequence_TDF_Label
     from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
 
@@ -311,12 +311,12 @@ def _contents(document: Any) -> tuple[Any, list[tuple[Any, str]]]:
 
 
 def _names_by_labels(faces: Sequence[Any], labels: Sequence[tuple[Any, str]]) -> list[str]:
-    """Names of faces, wherever an assembly has put them; empty where they have none."""
+    """Names of faces, wherever an assembly has placed them; empty for unnamed ones."""
     return [next((name for part, name in labels if part.IsPartner(face)), "") for face in faces]
 
 
 def _names_of_iges(model: Any, n_faces: int) -> list[str]:
-    """Names of the faces of shells, or of trimmed surfaces: OpenCascade keeps their order, and not the names."""
+    """Names of the faces of shells, or of trimmed surfaces: OpenCascade keeps their order but not the names."""
     from OCP.IGESSolid import IGESSolid_Shell
 
     entities = [model.Entity(number) for number in range(1, model.NbEntities() + 1)]

@@ -1,10 +1,10 @@
-"""Rational tensor B-splines: the surfaces of CAD files, with the matrices of their control points.
+"""Rational tensor B-splines: the surfaces of CAD files, with matrices for their control points.
 
 With the functions N of u and M of v and the weights w, the point at (u, v) is
 
     S = A / w,    A = sum_ij w_ij N_i M_j P_ij,    w = sum_ij w_ij N_i M_j ,
 
-linear in the control points P wherever (u, v) stays. Theory: ``docs/theory/cad.rst``.
+linear in the control points P for constant (u, v). Theory: ``docs/theory/cad.rst``.
 
 References
 ----------
@@ -36,7 +36,7 @@ class Jets(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NurbsSurface(OneLine):
-    """A rational B-spline surface whose parameters go from 0 to 1."""
+    """A rational B-spline surface with parameters from 0 to 1."""
 
     knots: tuple[np.ndarray, np.ndarray]  # open knots in u and v, from 0 to 1
     degrees: tuple[int, int]
@@ -93,7 +93,7 @@ class NurbsSurface(OneLine):
         return csr_array((data, found.indices, found.indptr), shape=(len(uv), self.n_control))
 
     def lattice(self, least: int, per_span: int, most: int) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters in u and v: some in every span, no fewer than the least, about the most where spans are many."""
+        """Parameters in u and v: some in every span, at least ``least``, about ``most`` if there are many spans."""
         found = []
         for knots in self.knots:
             breaks = np.unique(knots)

@@ -1,6 +1,6 @@
-"""Surfaces as faces, shells and solids of OpenCascade. Lengths are millimetres there, whatever the file says.
+"""Surfaces as faces, shells and solids of OpenCascade. Its lengths are always in millimetres, whatever the file says.
 
-What is imported from OpenCascade is imported when it is used.
+OpenCascade is imported only when it is used.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ __all__ = [
 ]
 
 MILLIMETRES = 1000.0
-"""OpenCascade's own unit of length, by metres."""
+"""OpenCascade's own unit of length, per metre."""
 
 SEWING = 1e-7
-"""Distance at which edges are one, relative to the size of the surface: those of neighbours differ by round-off, and
-by that of their knots where grids in single precision were fitted."""
+"""Distance at which edges coincide, relative to the size of the surface: neighbouring edges differ by round-off, and by
+round-off of their knots if grids in single precision were fitted."""
 
 COLLAPSED = 1e-9
-"""Length of an edge, relative to the size of the surface, that has collapsed to a point."""
+"""Length, relative to the size of the surface, below which an edge has collapsed to a point."""
 
 PER_EDGE = 9
-"""Points that a free edge is told by."""
+"""Number of points that describe a free edge."""
 
 
 def require_opencascade() -> None:
-    """Refuse to go on without OpenCascade."""
+    """Refuse to continue without OpenCascade."""
     library("OCP", "CAD files need OpenCascade", "cad")
 
 
@@ -47,7 +47,7 @@ def to_face(
     surface: TensorSurface,  # the surface (m)
     size: float,  # size of all surfaces together (m)
 ) -> Any:
-    """Make a face of a surface, with all of its edges; those that have collapsed are marked as degenerate."""
+    """Make a face of a surface, with all its edges; collapsed ones are marked as degenerate."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
     from OCP.Geom import Geom_BSplineSurface
 
@@ -59,7 +59,7 @@ def to_face(
 
 
 def _poles(points: np.ndarray) -> Any:
-    """Control points, shape (N_u, N_v, 3), one by one: OpenCascade takes no array."""
+    """Control points, shape (N_u, N_v, 3), one by one: OpenCascade does not take arrays."""
     from OCP.collections import Array2_gp_Pnt
     from OCP.gp import gp_Pnt
 
@@ -71,7 +71,7 @@ def _poles(points: np.ndarray) -> Any:
 
 
 def _knots(knots: np.ndarray) -> tuple[Any, Any]:
-    """Knots, each once, and how often each is there."""
+    """Distinct knots and their multiplicities."""
     from OCP.collections import Array1_double, Array1_int
 
     values, counts = np.unique(knots, return_counts=True)
@@ -84,10 +84,10 @@ def _knots(knots: np.ndarray) -> tuple[Any, Any]:
 
 def sewn_shape(
     faces: Sequence[Any],  # the faces
-    gap: float,  # distance (m) up to which edges are one
+    gap: float,  # distance (m) up to which edges coincide
 ) -> tuple[Any, list[Any]]:
-    """Sew faces along their common edges: a solid where nothing is left open, otherwise shells."""
-    # Returns shape: the solid, the shell, or several of them in a compound; faces: what became of every face.
+    """Sew faces along their common edges: a solid if nothing is left open, otherwise shells."""
+    # Returns shape: the solid, the shell, or several of them in a compound; faces: the sewn version of every face.
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Sewing
 
     sewing = BRepBuilderAPI_Sewing(gap * MILLIMETRES)
@@ -100,11 +100,11 @@ def sewn_shape(
     if len(shells) == 1 and not free_edges(shape):
         return _solid(shells[0]), sewn
     is_shell = len(shells) == 1 and len(sub_shapes(shells[0], "face")) == len(faces)
-    return (shells[0] if is_shell else compound([shape])), sewn  # a face alone would have no part to name
+    return (shells[0] if is_shell else compound([shape])), sewn  # a single face would have no part to name
 
 
 def compound(shapes: Sequence[Any]) -> Any:
-    """Put shapes into one."""
+    """Combine shapes into one."""
     from OCP.BRep import BRep_Builder
     from OCP.TopoDS import TopoDS_Compound
 
@@ -145,7 +145,7 @@ def _kind(name: str) -> Any:
 def free_edges(
     shape: Any,  # the shape
 ) -> list[np.ndarray]:
-    """Points, shape (9, 3), in metres, of every edge that only one face has; degenerate edges do not count."""
+    """Points (m), shape (9, 3), of every edge that belongs to only one face; degenerate edges are ignored."""
     from OCP.BRep import BRep_Tool
     from OCP.BRepAdaptor import BRepAdaptor_Curve
     from OCP.collections import (

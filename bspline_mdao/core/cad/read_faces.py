@@ -1,4 +1,4 @@
-"""Faces of OpenCascade as trimmed rational B-splines of our own, in metres; planes, cylinders and so on converted."""
+"""OpenCascade faces as trimmed rational B-splines of this package, in metres; planes, cylinders etc. are converted."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .trimmed_face import TrimmedFace
 __all__ = ["edges_of", "placed_surface", "spline_faces", "surface_of_face", "trimmed_face"]
 
 STRAIGHT, CURVED, PER_KNOT, MOST_ON_EDGE = 33, 129, 16, 801
-"""Points of a straight edge, of a curved one at least, for each of its knots, and at most; odd."""
+"""Number of points of a straight edge; of a curved edge at least, for each of its knots, and at most; odd."""
 
 PERIOD = 1e-9
-"""Part of a period by which edges may leave it."""
+"""Fraction of a period by which edges may leave it."""
 
 
 def spline_faces(shape: Any) -> tuple[Any, list[Any]]:
@@ -30,7 +30,7 @@ def spline_faces(shape: Any) -> tuple[Any, list[Any]]:
 
 
 def placed_surface(face: Any) -> tuple[Any, Any]:
-    """Surface of a face itself, no copy of it, and the motion that puts it where the face is."""
+    """Surface of a face itself, not a copy, and the motion that places it at the face."""
     from OCP.BRep import BRep_Tool
     from OCP.TopLoc import TopLoc_Location
 
@@ -53,7 +53,7 @@ def surface_of_face(face: Any) -> tuple[Any, np.ndarray]:
         bounds = np.array(surface.Bounds()).reshape(2, 2)
         slack = PERIOD * (bounds[:, 1] - bounds[:, 0])
         if (low >= bounds[:, 0] - slack).all() and (high <= bounds[:, 1] + slack).all():
-            surface.SetUNotPeriodic()  # in place, so that the face has the same
+            surface.SetUNotPeriodic()  # in place, so that the face has the same surface
             surface.SetVNotPeriodic()
         else:  # the face goes over the beginning of a period
             is_periodic = np.array([surface.IsUPeriodic(), surface.IsVPeriodic()])
@@ -66,7 +66,7 @@ def surface_of_face(face: Any) -> tuple[Any, np.ndarray]:
 
 
 def _is_open(surface: Any) -> bool:
-    """Whether its first and last knots are there as often as its order says."""
+    """Whether the multiplicity of its first and last knots equals its order."""
     ends = [(surface.UMultiplicity(n), surface.UDegree()) for n in (1, surface.NbUKnots())]
     ends += [(surface.VMultiplicity(n), surface.VDegree()) for n in (1, surface.NbVKnots())]
     return all(count == degree + 1 for count, degree in ends)
@@ -96,7 +96,7 @@ def trimmed_face(
 
 
 def edges_of(face: Any) -> Sequence[Any]:
-    """Edges of a face, those along which it is closed twice."""
+    """Edges of a face; edges along which it closes on itself occur twice."""
     from OCP.TopAbs import TopAbs_ShapeEnum
     from OCP.TopExp import TopExp_Explorer
     from OCP.TopoDS import TopoDS

@@ -1,4 +1,4 @@
-"""Knots of sides that share edges: those of an edge go on to the opposite one, to the side behind that, and so on.
+"""Knots of sides that share edges: an edge passes its knots to the opposite edge, to the next side, and so on.
 
 Theory: ``docs/theory/cad.rst``.
 """
@@ -19,11 +19,11 @@ from ..splines.side import VolumeSide
 __all__ = ["SideKnots", "agreeing_directions", "starting_knots", "turned", "union_of"]
 
 ONE_KNOT = 1e-7
-"""Knots of edges closer than this are one: those of grids in single precision differ by so much."""
+"""Knots of edges closer than this are one: the difference for grids in single precision."""
 
 MOST_SHIFTED = 1e-5
-"""Knots of edges that are closer than the tolerance by the size of the walls are one, up to this: it does not say what
-normals do on shorter spans, and a refit folds there."""
+"""Upper limit of the tolerance, relative to the size of the walls, within which knots of edges are one: a tolerance
+does not control normals on shorter spans, and a refit folds there."""
 
 Direction = tuple[int, int]
 """Number of a side, and its u (0) or v (1)."""
@@ -31,14 +31,14 @@ Direction = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class SideKnots(OneLine):
-    """Knots that a surface of a side starts from, and those of its edges, all of which are among them."""
+    """Starting knots for the surface of a side, which include all knots of its edges."""
 
     start: tuple[ConstantKnots, ConstantKnots]  # in u and v
     edges: tuple[tuple[ConstantKnots, ConstantKnots], tuple[ConstantKnots, ConstantKnots]]  # by axis and end
 
     @classmethod
     def of(cls, side: VolumeSide) -> SideKnots:
-        """Take the union of opposite edges, without a neighbour."""
+        """Take the union of opposite edges, without neighbours."""
         (u, u_edges), (v, v_edges) = (union_of([side.edge_knots(axis, end) for end in (0, 1)]) for axis in (0, 1))
         return cls((u, v), ((u_edges[0], u_edges[1]), (v_edges[0], v_edges[1])))
 
@@ -47,7 +47,7 @@ def union_of(
     parts: Sequence[ConstantKnots],  # knots of one order
     same: float = ONE_KNOT,  # knots closer than this are one
 ) -> tuple[ConstantKnots, list[ConstantKnots]]:
-    """Each knot as often as in the part that has it most often, and the parts with the same numbers for the same."""
+    """Union with the largest multiplicity of each knot, and the parts with identical numbers for equal knots."""
     values = np.sort(np.concatenate([part.knots for part in parts]))
     values = values[np.diff(values, prepend=-1.0) > same]
     counts = [np.bincount(np.searchsorted(values, part.knots, side="right") - 1) for part in parts]
@@ -57,15 +57,15 @@ def union_of(
 
 
 def turned(knots: ConstantKnots, is_turned: bool) -> ConstantKnots:
-    """Return knots, from the other end on where they are to be turned."""
+    """Return knots, reversed if requested."""
     return ConstantKnots(1.0 - knots.knots[::-1], knots.order) if is_turned else knots
 
 
 def starting_knots(
     sides: Sequence[SplineSide],  # sides of one model
-    tolerance: float = 0.0,  # largest distance of surfaces from them, by their size
+    tolerance: float = 0.0,  # largest distance of surfaces from them, relative to their size
 ) -> list[SideKnots]:
-    """Knots for each side, the same along edges that sides share."""
+    """Knots for each side, equal along shared edges."""
     start: dict[Direction, ConstantKnots] = {}
     edges: dict[Direction, tuple[ConstantKnots, ConstantKnots]] = {}
     same = max(ONE_KNOT, min(tolerance, MOST_SHIFTED))
@@ -84,7 +84,7 @@ def starting_knots(
 def agreeing_directions(
     sides: Sequence[SplineSide],  # sides of one model
 ) -> list[tuple[dict[Direction, bool], bool]]:
-    """Directions that have knots in common: each with whether it runs backwards, and whether both ways are the same."""
+    """Groups of directions with common knots: whether each is reversed, and whether both senses are identified."""
     shared: dict[tuple[int, ...], list[tuple[Direction, bool]]] = defaultdict(list)
     folded: set[Direction] = set()
     for number, side in enumerate(sides):

@@ -1,10 +1,10 @@
-"""Tensor B-spline surfaces: with straight knots exactly a side of a volume, with curved ones as close as is asked for.
+"""Tensor B-spline surfaces of sides of volumes: exact for straight knots, within a tolerance for curved ones.
 
-1. Along its edges a side has constant knots. Their union over opposite edges, and over those of neighbours, is where
-   the surface starts from, so that all four edges are exact, by knot insertion, and neighbours meet.
-2. The control points inside are those of least squares, on a lattice of parameters, with the edges held.
-3. Where the distance at other parameters is larger than the tolerance, spans are halved: in the direction in which
-   a projection on the splines of that direction alone is too far off.
+1. Along its edges a side has constant knots. The surface starts from their union over opposite edges, and over edges of
+   neighbours, so all four edges are exact, by knot insertion, and neighbours meet.
+2. The interior control points come from least squares, on a lattice of parameters, with fixed edges.
+3. If the distance at other parameters is larger than the tolerance, spans are halved: in the direction in which a
+   projection on the splines of only that direction has too large an error.
 
 Theory: ``docs/theory/cad.rst``.
 """
@@ -31,22 +31,22 @@ SAME_KNOT = 1e-12
 """Knots closer than this are one."""
 
 MOST_CONTROL = 400
-"""Control points in a direction at which a refit is given up by default."""
+"""Default number of control points in a direction at which a refit is given up."""
 
 CHECKED = 2, 12
-"""Parameters in a span, more than the order, at which the distance is looked at: on so few spans are halved, and on so
-many a surface is taken."""
+"""Number of parameters in a span, in addition to the order, at which the distance is measured: the first to halve
+spans, the second to accept a surface."""
 
 SURE = 0.95
-"""Part of the tolerance that the distance at these may be, so that what is between them keeps it."""
+"""Fraction of the tolerance allowed for the distance at these, so that points in between keep the tolerance."""
 
 MARGIN = 0.5
-"""Part of the tolerance that the error in one direction may take, so that both together keep it."""
+"""Fraction of the tolerance allowed for the error in one direction, so that both together keep it."""
 
 
 @dataclass(frozen=True, eq=False)
 class TensorSurface(OneLine):
-    """A B-spline surface with constant knots, and how far it is from the side that it stands for."""
+    """A B-spline surface with constant knots, and its distance from the side it represents."""
 
     knots: tuple[ConstantKnots, ConstantKnots]  # knots in u and v
     control_points: np.ndarray  # (N_u, N_v, 3), control points (m)
@@ -61,8 +61,8 @@ class TensorSurface(OneLine):
 
 def tensor_surface(
     side: VolumeSide,  # the side
-    tolerance: float,  # largest distance (m) from it, where its knots are curved
-    what: str,  # what the side is called in messages
+    tolerance: float,  # largest distance (m) from it, if its knots are curved
+    what: str,  # name of the side in messages
     most: int = MOST_CONTROL,  # control points in a direction at which a refit is given up
     known: SideKnots | None = None,  # knots to start from; without neighbours by default
 ) -> TensorSurface:
@@ -95,7 +95,7 @@ def _breaks(knots: ConstantKnots) -> np.ndarray:
 
 
 def _halved(knots: ConstantKnots, is_marked: np.ndarray) -> ConstantKnots:
-    """Put a knot in the middle of each marked span."""
+    """Insert a knot in the middle of each marked span."""
     breaks = _breaks(knots)
     middles = 0.5 * (breaks[:-1] + breaks[1:])[is_marked]
     return ConstantKnots(np.sort(np.concatenate([knots.knots, middles])), knots.order)
@@ -126,7 +126,7 @@ def _on_lattice(u: np.ndarray, control_points: np.ndarray, v: np.ndarray) -> np.
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """Points of a side on a lattice of parameters, and the spans that these are in."""
+    """Points of a side on a lattice of parameters, and the spans of the parameters."""
 
     u: np.ndarray
     v: np.ndarray
@@ -135,7 +135,7 @@ class _Samples:
 
     @classmethod
     def of(cls, side: VolumeSide, knots: tuple[ConstantKnots, ConstantKnots], more: int) -> _Samples:
-        """Take some more parameters in every span than the order, both ends of the side among them."""
+        """Take ``more`` parameters than the order in every span, including both ends of the side."""
         axes, spans = zip(*(cls._axis(k, k.order + more) for k in knots))
         grid = np.meshgrid(*axes, indexing="ij")
         points = side.points(*(x.ravel() for x in grid)).reshape(*grid[0].shape, 3)
@@ -144,7 +144,7 @@ class _Samples:
     @staticmethod
     def _axis(knots: ConstantKnots, n: int) -> tuple[np.ndarray, np.ndarray]:
         breaks = _breaks(knots)
-        inside = 0.5 - 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n)  # closer to the ends of spans
+        inside = 0.5 - 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n)  # clustered at the ends of spans
         x = (breaks[:-1, None] + np.diff(breaks)[:, None] * inside).ravel()
         spans = np.repeat(np.arange(len(breaks) - 1), n)
         return np.concatenate([[0.0], x, [1.0]]), np.concatenate([[0], spans, [len(breaks) - 2]])
@@ -152,7 +152,7 @@ class _Samples:
     def too_coarse(
         self, knots: tuple[ConstantKnots, ConstantKnots], distances: np.ndarray, tolerance: float
     ) -> list[np.ndarray]:
-        """Mark the spans of either direction that splines of this direction alone miss by too much."""
+        """Mark the spans of each direction in which splines of only this direction have too large an error."""
         marks = []
         for axis, (k, x) in enumerate(zip(knots, (self.u, self.v))):
             lines = np.moveaxis(self.points, axis, 0).reshape(len(x), -1)
@@ -193,7 +193,7 @@ def _least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _measured(side: VolumeSide, surface: TensorSurface) -> TensorSurface:
-    """Measure the distance to the side and the angle between normals, at parameters that the fit did not use."""
+    """Measure the distance to the side and the angle between normals, at parameters not used by the fit."""
     samples = _Samples.of(side, surface.knots, 3)
     error = float(lengths(surface.lattice(samples.u, samples.v) - samples.points).max())
     grid = np.meshgrid(samples.u[1:-1], samples.v[1:-1], indexing="ij")

@@ -1,4 +1,4 @@
-"""Nodes of a grid's or mesh's walls that are tied to the faces of a CAD file, once, on the baseline.
+"""Wall nodes of a grid or mesh that are tied to the faces of a CAD file, once, on the baseline.
 
 Theory: ``docs/theory/cad.rst``.
 """
@@ -25,19 +25,19 @@ from .files import read_cad
 __all__ = ["TiedSurface", "body_of_file", "require_on_faces"]
 
 OTHER_UNIT = 5.0
-"""Faces that are so many times as large as walls, or as small, are in another unit."""
+"""Faces this many times larger or smaller than the walls are in another unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class TiedSurface(OneLine):
-    """Wall nodes and the faces of a CAD file that they are on. Made by `TiedSurface.of`.
+    """Wall nodes and the CAD faces that they lie on. Made by `TiedSurface.of`.
 
     Parameters
     ----------
     model : FittedModel or MeshModel
         The grid or mesh.
     surface : SurfaceGrid
-        Nodes of its walls, or of some of them.
+        Nodes of all or some of its walls.
     body : CadBody
         The faces.
     tie : CadTie
@@ -65,21 +65,21 @@ class TiedSurface(OneLine):
         patches: str | Sequence[str] | None = None,
         scale: float | None = None,
     ) -> TiedSurface:
-        """Tie each node of walls to the face of a CAD file that is nearest.
+        """Tie each wall node to the nearest face of a CAD file.
 
-        Where every patch has the name of a face, as in files that `write_cad` makes, nodes are tied to faces of their
-        patch alone.
+        If every patch has the name of a face, as in files made by `write_cad`, nodes are tied only to faces of their
+        patch.
 
         Parameters
         ----------
         model : FittedModel or MeshModel
             The grid or mesh.
         file : path-like or CadBody
-            A STEP or IGES file, or what was read.
+            A STEP or IGES file, or its contents.
         patches : str or sequence of str, optional
             Patches by name or pattern (``"wing*"``); all walls by default.
         scale : float, optional
-            Lengths of the grid by metres of the file; by the grid's unit by default.
+            Grid length per metre in the file; by default from the grid's unit.
 
         Returns
         -------
@@ -103,7 +103,7 @@ class TiedSurface(OneLine):
         return self.tie.distances
 
     def nodes(self, body: CadBody) -> np.ndarray:
-        """Nodes where the faces are moved (m), shape (n, 3); those in planes of symmetry stay in them.
+        """Nodes (m) with moved faces, shape (n, 3); nodes in symmetry planes stay in them.
 
         Parameters
         ----------
@@ -119,10 +119,10 @@ class TiedSurface(OneLine):
         Parameters
         ----------
         file : path-like or CadBody
-            A file of the same topology: faces of the same names, or in the same order, whose parameters run alike.
-            Knots and degrees may be others.
+            A file of the same topology: faces with the same names, or in the same order, with matching parameter
+            directions. Knots and degrees may differ.
         scale : float, optional
-            Lengths of the grid by metres of the file; by the grid's unit by default.
+            Grid length per metre in the file; by default from the grid's unit.
 
         Returns
         -------
@@ -137,11 +137,11 @@ class TiedSurface(OneLine):
 
     @cached_property
     def matrix(self) -> csr_array:
-        """Moves of nodes, xyz interleaved, by those of the body's control points: (3 n, 3 n_control_points)."""
+        """Map from moves of the body's control points to moves of nodes, xyz interleaved: (3 n, 3 n_control_points)."""
         return csr_array(self._in_planes @ kron(self.body.matrix(self.tie), eye_array(3), format="csr"))
 
     def jvp(self, change: np.ndarray) -> np.ndarray:
-        """Change of the nodes, shape (n, 3), with that of the body's control points, shape (n_control_points, 3)."""
+        """Change of the nodes, shape (n, 3), from a change of the body's control points (n_control_points, 3)."""
         n = self.matrix.shape[1] // 3
         return (self.matrix @ as_finite_points(change, n, "change of control points").ravel()).reshape(-1, 3)
 
@@ -151,7 +151,7 @@ class TiedSurface(OneLine):
 
     @cached_property
     def _in_planes(self) -> csr_array:
-        """Takes what would leave planes of symmetry off moves of nodes; (3 n, 3 n)."""
+        """Projection that keeps moves of nodes in symmetry planes; (3 n, 3 n)."""
         blocks = np.tile(np.eye(3), (self.surface.n_points, 1, 1))
         for numbers, normal in self.surface.on_planes(self.model):
             blocks[numbers] = (np.eye(3) - np.outer(normal, normal)) @ blocks[numbers]
@@ -162,7 +162,7 @@ class TiedSurface(OneLine):
 def body_of_file(
     model: Movable,  # the grid or mesh
     path: str | os.PathLike,  # a STEP or IGES file
-    scale: float | None,  # lengths of the grid by metres of the file; by the grid's unit where None
+    scale: float | None,  # grid length per metre in the file; from the grid's unit if None
 ) -> CadBody:
     """Read the faces of a file in the unit of a grid or mesh."""
     unit = model.baseline.length_unit
@@ -170,7 +170,7 @@ def body_of_file(
 
 
 def require_on_faces(body: CadBody, tie: CadTie, surface: SurfaceGrid, points: np.ndarray | None = None) -> float:
-    """Refuse nodes of a surface, at points (n, 3) if these are given, that are far off; return the largest distance."""
+    """Refuse surface nodes, at points (n, 3) if given, that are far off; return the largest distance."""
     points = surface.points if points is None else points
 
     def place_of(number: int) -> str:
@@ -185,7 +185,7 @@ def require_on_faces(body: CadBody, tie: CadTie, surface: SurfaceGrid, points: n
 
 
 def _names_of_nodes(surface: SurfaceGrid) -> list[frozenset[str]]:
-    """Patches that each node is on."""
+    """Patches of each node."""
     is_on = np.zeros((surface.n_points, len(surface.names)), dtype=bool)
     for number, part in enumerate(surface.parts):
         is_on[np.unique(part), number] = True

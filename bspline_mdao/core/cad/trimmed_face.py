@@ -1,11 +1,11 @@
-"""A face of a CAD file: a surface and the part of it that its edges leave, and the points of it nearest to given ones.
+"""A face of a CAD file: a surface trimmed by edges, and its points nearest to given ones.
 
-1. Points of the face on a lattice of parameters, and of its edges, say where the search starts.
-2. Newton's method, damped, goes to the nearest point of the surface, within its parameters.
-3. Where that is off the part that the edges leave, the nearest point of the edges counts.
+1. Points of the face on a lattice of parameters, and of its edges, give the start of the search.
+2. Damped Newton's method finds the nearest point of the surface, within its parameters.
+3. If that is outside the edges, the nearest point on the edges is used.
 
-An edge is lines between points in (u, v); what it departs from these is within the slack, in which a point counts as on
-the face. Theory: ``docs/theory/cad.rst``.
+An edge consists of lines between points in (u, v); its deviation from these is within the slack, up to which a point
+counts as on the face. Theory: ``docs/theory/cad.rst``.
 """
 
 from __future__ import annotations
@@ -24,39 +24,39 @@ from .nurbs_surface import NurbsSurface
 __all__ = ["Nearest", "TrimmedFace"]
 
 LEAST, PER_SPAN, MOST = 12, 4, 160
-"""Cells of the lattice of starts in a direction: at least, in a span, and about at most."""
+"""Number of cells of the lattice of starts in a direction: at least, per span, and approximately at most."""
 
 MAX_STEPS = 60
-"""Newton's method takes some five; points that have not settled are where they are."""
+"""Newton's method takes about five; unconverged points stay where they are."""
 
 ROUND_OFF = 1e-14
-"""Steps of parameters that are rounding, and what rounding makes of lengths."""
+"""Steps of parameters that are rounding errors, and relative rounding errors of lengths."""
 
 NOISE = 1e-12
-"""Squares of distances that grow by less do not grow: near the nearest point they are all rounding."""
+"""Smaller growth of squared distances is ignored: near the nearest point it is rounding error."""
 
 ON_BOUNDARY = 1e-9
-"""Parameter up to which an edge is on the boundary of the surface, which is kept anyway."""
+"""Parameter distance up to which an edge is on the boundary of the surface, which limits the search anyway."""
 
 DAMPING = 1e-3
-"""First damping of Newton's method, relative to the lengths of tangents."""
+"""Initial damping of Newton's method, relative to the lengths of tangents."""
 
 SECTIONS = 40
-"""Golden sections of the two lines next to the nearest point of an edge: down to rounding of a minimum."""
+"""Golden-section steps on the two lines next to the nearest point of an edge: down to the rounding of a minimum."""
 
 NEIGHBOURS = 24
-"""Starts among which a second one is looked for, away from the first, as on the other side of a thin edge."""
+"""Number of starts searched for a second one away from the first, as on the other side of a thin edge."""
 
 AWAY = 0.1
-"""Parameters by which the second start is away from the first."""
+"""Parameter distance of the second start from the first."""
 
 
 class Nearest(NamedTuple):
-    """Points of a face that are nearest to given ones."""
+    """Points of a face nearest to given ones."""
 
     uv: np.ndarray  # (n, 2), parameters
     distances: np.ndarray  # (n,), in metres
-    on_edge: np.ndarray  # bool (n,), whether an edge inside the surface's parameters holds them back
+    on_edge: np.ndarray  # bool (n,), whether an edge inside the surface's parameters limits them
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +65,8 @@ class TrimmedFace(OneLine):
 
     name: str  # its name in the file, or its number there
     surface: NurbsSurface
-    edges: tuple[np.ndarray, ...]  # each (m, 2), points of every edge in (u, v), all of them together closed
-    tolerance: float  # of the file, within which edges of neighbours are one (m)
+    edges: tuple[np.ndarray, ...]  # each (m, 2), points of every edge in (u, v), together closed
+    tolerance: float  # of the file (m), within which neighbouring edges coincide
     origin: Any = None  # OpenCascade's own face, of B-splines, in millimetres, as the file has it
 
     def __str__(self) -> str:
@@ -87,26 +87,26 @@ class TrimmedFace(OneLine):
 
     @cached_property
     def slack(self) -> float:
-        """Distance up to which a point off the edges counts as on the face (m): what lines miss of edges."""
+        """Distance (m) up to which a point outside the edges counts as on the face: the error of lines as edges."""
         if not self.is_trimmed:
             return self.tolerance
         missed = [self._missed(edge) for edge in self.edges if len(edge) > 2]
         return max(self.tolerance, *missed)
 
     def _missed(self, edge: np.ndarray) -> float:
-        """How far an edge is from lines between every second point of it, a quarter of that, at most (m)."""
+        """A quarter of the largest distance (m) between an edge and lines through every second of its points."""
         odd = edge[1:-1:2]
         between = 0.5 * (edge[0:-2:2] + edge[2::2])[: len(odd)]
         return 0.25 * float(lengths(self.surface.points(odd) - self.surface.points(between)).max())
 
     def contains(self, uv: np.ndarray) -> np.ndarray:
-        """Whether parameters, shape (n, 2), are inside of the edges: the lines above them are odd in number."""
+        """Whether parameters, shape (n, 2), are inside the edges: an odd number of lines is above them."""
         if not self.is_trimmed:
             return np.ones(len(uv), dtype=bool)
         (u_a, v_a), (u_b, v_b) = self._segments[:, 0].T, self._segments[:, 1].T
         found = np.empty(len(uv), dtype=bool)
         width = np.where(u_a == u_b, 1.0, u_b - u_a)
-        each = max(2_000_000 // len(u_a), 1)  # so many at a time, for memory
+        each = max(2_000_000 // len(u_a), 1)  # number at a time, to limit memory
         for at in range(0, len(uv), each):
             u, v = uv[at : at + each, :1], uv[at : at + each, 1:]
             crosses = (u_a > u) != (u_b > u)
@@ -121,7 +121,7 @@ class TrimmedFace(OneLine):
 
     @cached_property
     def _edge_places(self) -> tuple[cKDTree, np.ndarray]:
-        """Points of all edges, and the parameters of the one before, of each itself, and of the one after."""
+        """Points of all edges, and the parameters of the previous point, the point itself, and the next."""
         around = [
             np.stack([edge[[0, *range(len(edge) - 1)]], edge, edge[[*range(1, len(edge)), -1]]]) for edge in self.edges
         ]
@@ -129,7 +129,7 @@ class TrimmedFace(OneLine):
 
     @cached_property
     def _starts(self) -> tuple[cKDTree, np.ndarray, float]:
-        """Points of the face, their parameters, and the largest distance between those of a cell (m)."""
+        """Points of the face, their parameters, and the largest distance (m) between points of a cell."""
         u, v = self.surface.lattice(LEAST, PER_SPAN, MOST)
         uv = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
         points = self.surface.points(uv)
@@ -144,11 +144,11 @@ class TrimmedFace(OneLine):
 
     @property
     def points(self) -> np.ndarray:
-        """Points all over the face (m), shape (m, 3): of the lattice, and of edges that trim it."""
+        """Points (m) all over the face, shape (m, 3): of the lattice, and of trimming edges."""
         return self._starts[0].data
 
     def bounds(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances (m) from points, shape (n, 3), between which that of the face is, each (n,)."""
+        """Lower and upper bounds (m) of the distances of points, shape (n, 3), from the face, each (n,)."""
         tree, _, reach = self._starts
         above = tree.query(points)[0]
         return above - reach, above
@@ -210,7 +210,7 @@ class TrimmedFace(OneLine):
         return uv
 
     def _nearest_on_edges(self, points: np.ndarray) -> np.ndarray:
-        """Parameters of the points of edges nearest to given ones, on the two lines next to the nearest of theirs."""
+        """Parameters of the edge points nearest to given ones, on the two lines next to the nearest vertex."""
         tree, around = self._edge_places
         before, middle, after = around[:, tree.query(points)[1]]
 
@@ -230,7 +230,7 @@ class TrimmedFace(OneLine):
         return place(0.5 * (low + high))
 
     def rates(self, uv: np.ndarray, points: np.ndarray, on_edge: np.ndarray) -> np.ndarray:
-        """Derivatives of the parameters of nearest points with the given points, (n, 2, 3); zero on edges."""
+        """Derivatives of nearest points' parameters with respect to the given points, (n, 2, 3); zero on edges."""
         at = self.surface.jets(uv)
         away = points - at.points
         slope = np.einsum("nic,nc->ni", at.tangents, away)
@@ -243,12 +243,12 @@ class TrimmedFace(OneLine):
 def damped_step(
     metric: np.ndarray,  # (n, 2, 2), first fundamental form
     second: np.ndarray,  # (n, 2, 2, 3), second derivatives
-    away: np.ndarray,  # (n, 3), ways to the points
+    away: np.ndarray,  # (n, 3), vectors to the points
     slope: np.ndarray,  # (n, 2), right-hand side
     damping: np.ndarray,  # (n,), relative to the metric
-    stays: np.ndarray,  # bool (n, 2), parameters that stay
+    stays: np.ndarray,  # bool (n, 2), fixed parameters
 ) -> np.ndarray:
-    """Return a step of Newton's method where it goes down, of Gauss and Newton's elsewhere, (n, 2)."""
+    """Return a Newton step if it descends, otherwise a Gauss-Newton step, (n, 2)."""
     full = metric - np.einsum("nijc,nc->nij", second, away)
     determinant = full[:, 0, 0] * full[:, 1, 1] - full[:, 0, 1] ** 2
     is_convex = (determinant > 0.0) & (full[:, 0, 0] > 0.0)
@@ -258,7 +258,7 @@ def damped_step(
 
 
 def solved(matrix: np.ndarray, right: np.ndarray, stays: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Solve 2 x 2 systems with a shift of the diagonal, some unknowns staying zero; right-hand sides (n, 2, m)."""
+    """Solve 2 x 2 systems with a diagonal shift, keeping some unknowns zero; right-hand sides (n, 2, m)."""
     a, b, c = matrix[:, 0, 0] + shift, matrix[:, 0, 1], matrix[:, 1, 1] + shift
     b = np.where(stays.any(axis=1), 0.0, b)
     determinant = a * c - b * b

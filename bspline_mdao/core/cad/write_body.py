@@ -1,7 +1,7 @@
-"""Moved faces of a CAD file as a file again: topology, trimming and names stay, control points are the new ones.
+"""Moved faces of a CAD file written to a file: topology, trimming and names are preserved, control points are new.
 
-Control points are replaced in a copy of what OpenCascade read. The edges in space of faces that have moved are made
-anew from those in (u, v), which stay; vertices go to their ends.
+Control points are replaced in a copy of the shape that OpenCascade read. The spatial edges of moved faces are rebuilt
+from their edges in (u, v), which stay; vertices move to their ends.
 """
 
 from __future__ import annotations
@@ -23,37 +23,37 @@ from .read_faces import edges_of, placed_surface
 __all__ = ["write_cad_body"]
 
 STAYS = 1e-12
-"""Moves of control points, relative to the size of the body, that are none."""
+"""Moves of control points, relative to the size of the body, that count as zero."""
 
 PROJECTED = 100
-"""Points that are projected on what is read back."""
+"""Number of points projected on the shape read back."""
 
 SAME = 1e-6
-"""Distance, relative to the size of the body, of these points from it at most: edges are made anew to 1e-5 mm."""
+"""Largest distance of these points from the body, relative to its size: edges are rebuilt to 1e-5 mm."""
 
 
 def write_cad_body(path: str | os.PathLike, body: CadBody, units: str | None = None) -> CadShape:
-    """Write the faces of a CAD file that were moved, with their names, edges and topology, to another file.
+    """Write the moved faces of a CAD file, with their names, edges and topology, to another file.
 
     Parameters
     ----------
     path : path-like
         File to make or replace: ``.step`` or ``.stp``, ``.iges`` or ``.igs``.
     body : CadBody
-        The faces, of `CadShape.body`, moved by `CadBody.at`, or by the values of a variable: `CadPoints.body_at`.
+        The faces, from `CadShape.body`, moved by `CadBody.at`, or by the values of a variable: `CadPoints.body_at`.
     units : {"m", "mm", "in", "ft"}, optional
-        Unit of length of the file; that of the file that was read by default.
+        Unit of length of the file; by default the unit of the file that was read.
 
     Returns
     -------
     CadShape
-        What OpenCascade reads back: whether it is valid, and which edges are open.
+        The shape OpenCascade reads back: whether it is valid, and which edges are open.
 
     Raises
     ------
     InputError
-        If OpenCascade is not installed, a name or unit cannot be used, a face that moves is of a part that is there
-        twice, or goes over the beginning of a period, or what is read back is elsewhere. Nothing is left half-written.
+        If OpenCascade is not installed, a name or unit is invalid, a moved face belongs to a part that occurs twice or
+        crosses the start of a period, or the shape read back is elsewhere. Nothing is left half-written.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def _samples(body: CadBody) -> np.ndarray:
 
 
 def _moved(body: CadBody, what: str) -> tuple[Any, list[Any]]:
-    """Copy of the shape with the control points of a body, and its faces, in the order of the body's."""
+    """Copy of the shape with the control points of a body, and its faces, in the body's order."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
     from OCP.BRepLib import BRepLib
     from OCP.gp import gp_Pnt
@@ -125,7 +125,7 @@ def _moved(body: CadBody, what: str) -> tuple[Any, list[Any]]:
 
 
 def _remake_edges(faces: list[Any]) -> None:
-    """Make edges in space and vertices of faces that have moved from edges in (u, v)."""
+    """Make the spatial edges and vertices of moved faces from edges in (u, v)."""
     from OCP.BRep import BRep_Builder, BRep_Tool
     from OCP.BRepAdaptor import BRepAdaptor_Curve2d
     from OCP.BRepLib import BRepLib

@@ -1,4 +1,4 @@
-"""Walls of a model as a CAD file, and what OpenCascade reads back from it.
+"""Walls of a model as a CAD file, checked by reading it back with OpenCascade.
 
 Theory: ``docs/theory/cad.rst``.
 """
@@ -33,10 +33,10 @@ TOLERANCE = 1e-6
 """Default tolerance, relative to the size of the walls."""
 
 ON_PLANE = 1e-6
-"""Distance, relative to the size of the walls, at which an edge is on a plane of symmetry."""
+"""Distance, relative to the size of the walls, at which an edge is on a symmetry plane."""
 
 PROJECTED = 200
-"""Points that are projected on the surfaces that are read back."""
+"""Number of points projected on the surfaces read back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class CadFace(OneLine):
     # name, patch: block and side, and the patch, which is its name in the file
     name: str
     patch: str
-    # control points in u and v; of the wall first, of the face in the file second
+    # control points in u and v; first of the wall, second of the face in the file
     n_control: tuple[tuple[int, int], tuple[int, int]]
     is_exact: bool  # whether it is the wall itself, whose knots are straight
     error: float  # largest distance to the wall, at equal parameters (m)
@@ -55,7 +55,7 @@ class CadFace(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class CadReport(OneLine):
-    """What is in a CAD file that was written, and how far it is from the walls.
+    """The contents of a written CAD file, and its distance from the walls.
 
     Parameters
     ----------
@@ -64,16 +64,16 @@ class CadReport(OneLine):
     faces : tuple of CadFace
         Its faces.
     tolerance : float
-        Largest distance that was asked for (m).
+        Largest distance allowed (m).
     distance : float
-        Largest distance (m) of points of the walls from the file as OpenCascade reads it back, by projection.
+        Largest distance (m) of wall points from the file as read back by OpenCascade, by projection.
     is_valid : bool
-        Whether OpenCascade finds nothing wrong with what it reads back.
+        Whether OpenCascade finds no error in the shape it reads back.
     n_solids, n_open, n_on_symmetry : int
-        Solids, edges that only one face has, and those of them that are on planes of symmetry.
+        Numbers of solids, of edges that belong to only one face, and of such edges on symmetry planes.
     missed : float or None
-        Largest distance (m) of a wall's node of the fitted grid from the splines, which the file does not have; None
-        where control points were given, or the model carries no residual.
+        Largest distance (m) of a wall node of the fitted grid from the splines, which the file does not include; None
+        if control points were given, or the model has no residual.
     n_bytes : int
         Size of the file.
     seconds : float
@@ -108,12 +108,12 @@ class CadReport(OneLine):
 
     @property
     def n_exact(self) -> int:
-        """Faces that are the walls themselves."""
+        """Number of faces that are the walls themselves."""
         return sum(face.is_exact for face in self.faces)
 
     @property
     def is_closed(self) -> bool:
-        """Whether all edges are shared by two faces, but for those on planes of symmetry."""
+        """Whether all edges are shared by two faces, except edges on symmetry planes."""
         return self.n_open == self.n_on_symmetry
 
 
@@ -127,8 +127,8 @@ def write_cad(
 ) -> CadReport:
     """Write the walls of a model as B-spline surfaces to a STEP or IGES file, sewn along their edges.
 
-    Sides of blocks with straight knots are written as they are. Curved knots are beyond CAD: such a side is refitted on
-    straight ones, its edges exactly and the rest to the tolerance. OpenCascade reads the file back.
+    Sides of blocks with straight knots are written exactly. CAD does not support curved knots: such a side is refitted
+    on straight ones, its edges exactly and the rest to the tolerance. OpenCascade reads the file back.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def write_cad(
     tolerance : float, optional
         Largest distance (m) of a refitted face from the wall; by default 1e-6 of the diagonal of the walls' box.
     units : {"m", "mm", "in", "ft"}
-        Unit of length of the file; the model's is the one that its grid is in, metres where nothing says it.
+        Unit of length of the file; the model's unit is its grid's, metres if unspecified.
 
     Returns
     -------
@@ -152,8 +152,8 @@ def write_cad(
     Raises
     ------
     InputError
-        If OpenCascade is not installed, a name, patch, unit or tolerance cannot be used, the tolerance is not reached
-        with 400 control points in a direction, or what is read back is further away. Nothing is left half-written.
+        If OpenCascade is not installed, a name, patch, unit or tolerance is invalid, the tolerance is not reached with
+        400 control points in a direction, or the shape read back is further away. Nothing is left half-written.
 
     Examples
     --------
@@ -225,19 +225,19 @@ def write_cad(
 
 
 def _samples(sides: Sequence[SplineSide]) -> np.ndarray:
-    """Points of the walls themselves, shape (n, 3), at places that no fit used."""
+    """Points of the walls themselves, shape (n, 3), at parameters not used by a fit."""
     each = max(PROJECTED // len(sides), 4)
     u, v = np.random.default_rng(0).random((2, each))
     return np.concatenate([side.surface.points(u, v) for side in sides])
 
 
 def _is_on_symmetry(model: FittedModel, edge: np.ndarray, size: float) -> bool:
-    """Whether an edge, points of shape (n, 3), is on a plane of symmetry of the model."""
+    """Whether an edge, points of shape (n, 3), is on a symmetry plane of the model."""
     planes = SurfaceGrid.of(model).planes
     return any(np.abs(edge @ plane.normal - plane.offset).max() <= ON_PLANE * size for plane in planes)
 
 
 def _missed(model: FittedModel, patches: str | Sequence[str] | None, metres: float) -> float | None:
-    """Largest distance (m) of the walls' nodes from the splines; None where the model does not carry it."""
+    """Largest distance (m) of wall nodes from the splines; None if the model has no residual."""
     residual = model.residual_at(SurfaceGrid.of(model, patches).rows)
     return None if residual is None else metres * float(np.linalg.norm(residual, axis=1).max())
