@@ -4,14 +4,14 @@
     y <- y + F (w - y_wall)                 w: nodes of the mesh's own walls; F fades around them
     x = layer(y; x0, w)                     nodes near these walls follow them as a rigid body
 
-The nodes of walls are where they are asked to be or, where nothing is asked, where the volumes put them,
+Wall nodes are at their prescribed positions or, if none are given, where the volumes put them,
 
-    w = y_wall + (G - G0) d ,               d: what the volumes miss of them; G turns with the wall.
+    w = y_wall + (G - G0) d ,               d: their distance from the volumes; G rotates with the wall.
 
-Those on patches that slide on fixed surfaces are at the nearest points of these (`.riding_slides`).
+Nodes on patches that slide on fixed surfaces are at the nearest points of these (`.riding_slides`).
 
-All is linear in b but for the rotations of walls. At b0 the mesh is x0 to the last bit: what the map misses of it
-there, which is round-off, is added everywhere.
+Everything is linear in b except the rotations of walls. At b0 the mesh is x0 to the last bit: the map's error there,
+which is round-off, is added everywhere.
 
 Theory: ``docs/theory/ride.rst``.
 """
@@ -46,14 +46,14 @@ from .wall_faces import GridBoundary, WallFaces
 __all__ = ["EmbeddedMesh", "EmbeddedMeshState"]
 
 WALL = "wall"
-"""Name of the input that asks for places of the nodes of walls."""
+"""Name of the input with prescribed positions of wall nodes."""
 
 STAYS = 1e-9
-"""Displacement, by the size of the grid, up to which the boundary beside held nodes counts as at rest."""
+"""Displacement, relative to the size of the grid, up to which the boundary next to fixed nodes counts as at rest."""
 
 
 AT_END = 1e-12
-"""Parameters this close to 0 or 1 are there: the search knows places no better."""
+"""Parameters this close to 0 or 1 are set to it: the accuracy of the search."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class EmbeddedMesh(OneLine):
     walls : RidingWalls or None
         Its walls.
     baseline : ndarray, shape (n_points, 3)
-        What the map gives for the control points of the baseline: its nodes, but for round-off (m).
+        Result of the map at the baseline control points: its nodes (m) to round-off.
     sliding : RidingSlides or None
         Nodes that slide on surfaces.
 
@@ -118,7 +118,7 @@ class EmbeddedMesh(OneLine):
         hold_outside: bool = False,
         slides: Sequence[Slide] = (),
     ) -> EmbeddedMesh:
-        """Find what moves the nodes of a mesh.
+        """Embed the nodes of a mesh in a fitted grid.
 
         Parameters
         ----------
@@ -127,17 +127,16 @@ class EmbeddedMesh(OneLine):
         mesh : MixedMesh
             The mesh on the baseline.
         walls : sequence of str, optional
-            Markers of the mesh that are walls, by name or pattern; those that lie on walls of the grid by default.
+            Markers of the mesh that are walls, by name or pattern; by default markers on walls of the grid.
         tolerance : float, optional
-            Distance (m) up to which a node may be outside the grid: it then moves with the nearest point of it. By
-            default the size of the boundary faces of the grid there, since curved walls are cut differently by every
-            mesh.
+            Distance (m) up to which a node may be outside the grid: it then moves with the grid's nearest point. By
+            default the size of the grid's boundary faces there, since every mesh cuts curved walls differently.
         hold_outside : bool
-            Hold nodes that are farther outside where they are, instead of refusing them. The boundary of the grid
-            beside them has to stay, too.
+            Fix nodes that are farther outside instead of refusing them. The boundary of the grid next to them must
+            stay, too.
         slides : sequence of Slide
-            Patches of the grid that slide on surfaces which are not planes, ``mesh.slides`` of the mesh that moves:
-            nodes there stay on these. Most of the area of a marker on such a patch makes it one of theirs.
+            Patches of the grid that slide on curved surfaces, ``mesh.slides`` of the mesh that moves: nodes there stay
+            on these. A marker slides if most of its area is on such a patch.
 
         Returns
         -------
@@ -146,8 +145,8 @@ class EmbeddedMesh(OneLine):
         Raises
         ------
         InputError
-            If nodes are outside the grid, a marker does not exist, a tolerance is no length, or the mesh is of two
-            dimensions and the grid no section between the same planes.
+            If nodes are outside the grid, a marker does not exist, the tolerance is not a length, or the mesh is
+            two-dimensional and the grid is not a section between the same planes.
         """
         if tolerance is not None and not tolerance >= 0.0:
             raise InputError(f"{mesh.source}: a tolerance of {tolerance}; give a length in metres, 0 or more")
@@ -168,7 +167,7 @@ class EmbeddedMesh(OneLine):
         return embedded._with_walls(model, WallFaces.of(mesh, boundary, walls), slides, boundary)
 
     def with_slides(self, model: FittedModel, slides: Sequence[Slide]) -> EmbeddedMesh:
-        """Let patches of the grid slide, see `of`, where none does yet."""
+        """Let patches of the grid slide, see `of`, if none does yet."""
         walls = WallFaces.none() if self.walls is None else self.walls.faces
         curved = any(not isinstance(slide.surface, Plane) for slide in slides)
         return self._with_walls(model, walls, slides, GridBoundary.of(model)) if curved else self
@@ -187,7 +186,7 @@ class EmbeddedMesh(OneLine):
         return replace(self, walls=walls, sliding=sliding).with_baseline()
 
     def with_baseline(self) -> EmbeddedMesh:
-        """Take for its baseline what the map gives there."""
+        """Set its baseline to the result of the map there."""
         return replace(self, baseline=self._mapped(self.control_points, None)[0])
 
     @property
@@ -197,25 +196,25 @@ class EmbeddedMesh(OneLine):
 
     @property
     def asked_rows(self) -> np.ndarray:
-        """Nodes of walls, ascending: those that slide and are of none are not among them."""
+        """Wall nodes, ascending, without sliding nodes that are on no wall."""
         if self.walls is None:
             return np.zeros(0, dtype=int)
         return self.walls.rows[self._given]
 
     @property
     def wall_names(self) -> tuple[str, ...]:
-        """Markers that are walls; one, ``"skin"``, where the mesh has none."""
+        """Markers that are walls; one, ``"skin"``, if the mesh has no markers."""
         names = () if self.walls is None else self.walls.faces.names
         return names if self.sliding is None else names[: len(names) - len(self.sliding.slides)]
 
     @property
     def _given(self) -> np.ndarray | slice:
-        """Which of the nodes of `walls` are of walls."""
+        """Which of the nodes of `walls` are on walls."""
         return slice(None) if self.sliding is None else np.flatnonzero(self.sliding.is_given)
 
     @property
     def n_asked(self) -> int:
-        """Number of nodes of walls."""
+        """Number of wall nodes."""
         return len(self.asked_rows)
 
     def at(self, control_points: np.ndarray, wall: np.ndarray | None = None) -> EmbeddedMeshState:
@@ -226,8 +225,7 @@ class EmbeddedMesh(OneLine):
         control_points : ndarray, shape (n_control_points, 3)
             Control points (m).
         wall : ndarray, shape (n_asked, 3), optional
-            Where the nodes of the walls are to be (m), in the order of ``asked_rows``; by default they follow the
-            volumes.
+            Prescribed positions of wall nodes (m), in the order of ``asked_rows``; by default they follow the volumes.
 
         Returns
         -------
@@ -236,10 +234,9 @@ class EmbeddedMesh(OneLine):
         Raises
         ------
         InputError
-            If an array has the wrong shape or holds a number that is not finite.
+            If an array has the wrong shape or contains a number that is not finite.
         MovementError
-            If the grid's boundary moves beside nodes that are held, or the surroundings of a node of a wall are turned
-            inside out.
+            If the grid's boundary moves next to fixed nodes, or the surroundings of a wall node are inverted.
         """
         source = self.mesh.source
         control_points = as_finite_points(control_points, len(self.control_points), f"{source}: control points")
@@ -256,7 +253,7 @@ class EmbeddedMesh(OneLine):
     def _mapped(
         self, control_points: np.ndarray, wall: np.ndarray | None
     ) -> tuple[np.ndarray, Frames | None, Followed | None, SlidNodes | None]:
-        """Nodes, how walls turn by themselves where nothing is asked, and the nodes that followed them and slid."""
+        """Nodes, the rotations of walls without prescribed positions, and the nodes that followed them and slid."""
         points = self.mesh.points.copy()
         points[self.rows] += self.evaluator.forward(control_points - self.control_points)
         walls, turned, slid = self.walls, None, None
@@ -278,7 +275,7 @@ class EmbeddedMesh(OneLine):
         return points, turned, walls.following.at(self.mesh.points, points, self.mesh.points, points), slid
 
     def _require_rest(self, control_points: np.ndarray) -> None:
-        """Refuse a move of the boundary beside nodes that are held."""
+        """Refuse a move of the boundary next to fixed nodes."""
         if self.boundary is None:
             return
         moves = np.linalg.norm(self.boundary.forward(control_points - self.control_points), axis=1)
@@ -293,25 +290,25 @@ class EmbeddedMesh(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class EmbeddedMeshState(OneLine):
-    """A mesh that was moved, and the derivative of its nodes."""
+    """A moved mesh, and the derivative of its nodes."""
 
     of: EmbeddedMesh  # the map
     nodes: np.ndarray  # (n_points, 3), the nodes (m)
-    is_asked: bool  # whether places of nodes of walls were asked for
-    turned: Frames | None  # how walls turned where nothing was asked of them
+    is_asked: bool  # whether positions of wall nodes were prescribed
+    turned: Frames | None  # rotations of walls without prescribed positions
     followed: Followed | None  # the nodes that followed walls
     slid: SlidNodes | None  # the nodes that slid on surfaces
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs: places of walls count where they were asked for."""
+        """Names of the inputs, including wall positions if they were prescribed."""
         return (CONTROL_POINTS, WALL) if self.is_asked else (CONTROL_POINTS,)
 
     def jvp(
         self,
         # (n_control_points, 3), change of the control points; none by default
         control_points: np.ndarray | None = None,
-        # (n_asked, 3), change of the places that the nodes of walls were asked for; none by default
+        # (n_asked, 3), change of the prescribed positions of wall nodes; none by default
         wall: np.ndarray | None = None,
     ) -> np.ndarray:
         """Change of the nodes, shape (n_points, 3)."""
@@ -338,8 +335,8 @@ class EmbeddedMeshState(OneLine):
     def vjp(
         self,
         bar: np.ndarray,  # (n_points, 3), derivative of a scalar with respect to the nodes
-        # which derivatives: ``control_points``, shape (n_control_points, 3), and, where places of the nodes of walls
-        # were asked for, ``wall``, shape (n_asked, 3); in all `inputs` by default
+        # which derivatives: ``control_points``, shape (n_control_points, 3), and, if positions of wall nodes were
+        # prescribed, ``wall``, shape (n_asked, 3); all `inputs` by default
         wrt: Collection[str] | None = None,
     ) -> dict[str, np.ndarray]:
         """Transpose of `jvp`."""
@@ -368,10 +365,10 @@ class EmbeddedMeshState(OneLine):
 
 
 def _on_planes(model: FittedModel, found: PointInversion, points: np.ndarray, planes: list) -> PointInversion:
-    """Put parameters of nodes in planes, rows of points, shape (n, 3), on the sides of the volumes that are there."""
-    # The nearest point of the volumes need not be in the plane where a node is outside, and the node would leave it.
-    # What is off by round-off is in the plane: all parameters of a section are in its planes but for those across.
-    # Parameters that are off an end by round-off are put there, so that nodes stay in planes to the last bit.
+    """Put parameters of nodes in planes, rows of points, shape (n, 3), on the volumes' sides in these planes."""
+    # The nearest point of the volumes need not be in the plane if a node is outside, and the node would leave it.
+    # Points off by round-off are in the plane: all parameters of a section are in its planes except across it.
+    # Parameters off an end by round-off are set to it, so nodes stay in planes to the last bit.
     parameters, near = found.parameters.copy(), ON_PLANE * np.linalg.norm(np.ptp(model.control_points, axis=0))
     for rows, normal in planes:
         for d in range(3):
@@ -388,12 +385,12 @@ def _on_planes(model: FittedModel, found: PointInversion, points: np.ndarray, pl
 
 
 def _part(found: PointInversion, rows: np.ndarray) -> PointInversion:
-    """What was found of some points."""
+    """The result for some points."""
     return PointInversion(*(getattr(found, part.name)[rows] for part in fields(PointInversion)))
 
 
 def _outside_message(mesh: MixedMesh, found: PointInversion, lost: np.ndarray) -> str:
-    """Say which nodes are outside the grid, and what to do."""
+    """Say which nodes are outside the grid and what to do."""
     worst = lost[np.argmax(found.distance[lost])]
     first, farthest = (
         f"node {q % mesh.n_stored + 1} at ({', '.join(f'{x:.4g}' for x in mesh.points[q])})" for q in (lost[0], worst)

@@ -1,7 +1,7 @@
-"""Nodes of a mesh that rides on patches of the grid which slide on fixed surfaces.
+"""Nodes of an embedded mesh on patches of the grid that slide on fixed surfaces.
 
-They are asked to be where nodes of walls are: at the points of their surfaces nearest to where the volumes put them, as
-high above these as on the baseline. So faces of theirs that are of no wall count among those of walls.
+Their positions are prescribed like wall nodes': at the points of their surfaces nearest to where the volumes put them,
+at the same height as on the baseline. So their faces that are not on walls count as wall faces.
 
 Theory: ``docs/theory/ride.rst``, ``docs/theory/sliding.rst``.
 """
@@ -24,16 +24,16 @@ from .wall_faces import GridBoundary, WallFaces, markers_mostly
 __all__ = ["RidingSlides"]
 
 ON_PLANE = 1e-9
-"""A node that slides nearer to a plane than this part of the size of the mesh slides in it as well."""
+"""A sliding node nearer to a plane than this fraction of the size of the mesh slides in it as well."""
 
 
 @dataclass(frozen=True, eq=False)
 class RidingSlides(OneLine):
-    """Nodes that slide, among those that are asked to be somewhere."""
+    """Sliding nodes among the nodes with prescribed positions."""
 
-    slides: tuple[Slide, ...]  # on what
-    nodes: SlidingNodes  # by their rows in the mesh; ``places`` are those among the nodes of all faces
-    is_given: np.ndarray  # bool (n_wall,), which of these are of walls, so that they may be given; others slide alone
+    slides: tuple[Slide, ...]  # their surfaces
+    nodes: SlidingNodes  # by their rows in the mesh; ``places`` are positions among the nodes of all faces
+    is_given: np.ndarray  # bool (n_wall,), which of these are on walls, so that they may be given; others only slide
 
     @classmethod
     def of(
@@ -45,7 +45,7 @@ class RidingSlides(OneLine):
         walls: WallFaces,
         fixed: np.ndarray,  # int, nodes that stay
     ) -> tuple[RidingSlides | None, WallFaces]:
-        """Find them, and the faces of walls with those behind them that slide and are of none; None of no nodes."""
+        """Find them, and the wall faces followed by sliding faces on no wall; None if no nodes slide."""
         patches = [str(face.patch) for face, *_ in boundary_sides(topology)]
         found, members, more = [], [], {}
         for slide in slides:
@@ -69,14 +69,14 @@ class RidingSlides(OneLine):
 
 
 def _are_among(faces: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Whether faces, (n, 4), are among others, (m, 4), whichever way they are turned."""
+    """Whether faces, (n, 4), are among others, (m, 4), in any orientation."""
     _, which = np.unique(np.sort(np.concatenate([others, faces]), axis=1), axis=0, return_inverse=True)
     which = which.ravel()
     return np.isin(which[len(others) :], which[: len(others)])
 
 
 def _faces_on(mesh: MixedMesh, boundary: GridBoundary, patch: str) -> np.ndarray:
-    """Faces of a mesh on a patch of the grid, (n, 4): whole markers, or, where there are none, each by itself."""
+    """Faces of a mesh on a patch of the grid, (n, 4): whole markers, or single faces if there are no markers."""
     if not mesh.markers:
         skin = mesh.skin
         return skin[boundary.on_patch(mesh.points[skin], patch)][:, ::-1]

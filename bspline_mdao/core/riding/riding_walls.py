@@ -1,4 +1,4 @@
-"""The walls of a mesh that rides: what fades around them, and what follows them as a rigid body.
+"""The walls of an embedded mesh: what fades around them, and what follows them as a rigid body.
 
 Theory: ``docs/theory/ride.rst``.
 """
@@ -24,29 +24,29 @@ from .wall_faces import WallFaces
 __all__ = ["RidingWalls"]
 
 FADE = 8.0, 0.1
-"""Widths of the faces of a wall over which a difference between where its nodes are asked to be and where the volumes
-put them fades, but at least this part of the size of all walls: next to narrow faces at edges, widths alone are less
-than the difference, and cells fold (127 of pyHyp's M6 as wedges, bent by 30 degrees at half span; none so)."""
+"""Number of wall face widths over which a difference between prescribed node positions and the volumes fades, but at
+least this fraction of the size of all walls: next to narrow faces at edges, widths alone are less than the difference,
+and cells fold (127 of pyHyp's M6 as wedges, bent by 30 degrees at half span; none with the minimum)."""
 
 LEAST_SLOPE = 0.5
-"""Slope of the line from the nearest corner of a face of a wall to a node, from which on the node turns about corners
-and not about its closest point (see `..walls.layer`). Lines from nodes of the H-H wing lean by up to 50 degrees from
-its normal, which is a slope of 0.84; a node above the middle of a face a hundred times as wide has one of 0.02."""
+"""Slope of the line from the nearest corner of a wall face to a node, from which the node rotates about corners instead
+of its closest point (see `..walls.layer`). Lines from nodes of the H-H wing lean by up to 50 degrees from its normal, a
+slope of 0.84; a node above the middle of a face a hundred times as wide has a slope of 0.02."""
 
 
 @dataclass(frozen=True, eq=False)
 class RidingWalls(OneLine):
-    """Walls of a mesh that rides."""
+    """Walls of an embedded mesh."""
 
     faces: WallFaces  # their faces
     rows: np.ndarray  # (n_wall,) of int, their nodes, ascending
-    # list of (ndarray of int, ndarray of shape (3,)) of int, nodes of the mesh in planes that walls end on, and the
+    # list of (ndarray of int, ndarray of shape (3,)) of int, nodes of the mesh in planes at which walls end, and the
     # planes' unit normals
     planes: list[tuple[np.ndarray, np.ndarray]]
-    fading: csr_array  # scipy.sparse.csr_array, shape (n_points, n_wall), F, but for these planes
+    fading: csr_array  # scipy.sparse.csr_array, shape (n_points, n_wall), F, except in these planes
     following: WallFollowing  # nodes that follow them
-    missed: np.ndarray  # (n_wall, 3), d: what the volumes miss of their nodes (m)
-    first: NodeHeights  # their nodes that have a node of the mesh next to them
+    missed: np.ndarray  # (n_wall, 3), d: distance of their nodes from the volumes (m)
+    first: NodeHeights  # their nodes with an adjacent node of the mesh
 
     @classmethod
     def of(
@@ -54,12 +54,12 @@ class RidingWalls(OneLine):
         mesh: MixedMesh,
         faces: WallFaces,
         planes: list,
-        fixed: np.ndarray,  # nodes that stay
-        missed: np.ndarray,  # (n_points, 3), what the volumes miss of all nodes (m)
+        fixed: np.ndarray,  # fixed nodes
+        missed: np.ndarray,  # (n_points, 3), distance of all nodes from the volumes (m)
         fade: tuple[float, float] = FADE,
-        # int, ascending: some nodes of the mesh, those of walls among them, that this is of; all by default
+        # int, ascending: the nodes considered, including wall nodes; all by default
         nodes: np.ndarray | None = None,
-        images: WallImages | None = None,  # walls beyond periodic sides, whose nodes are behind those of the mesh
+        images: WallImages | None = None,  # walls beyond periodic sides, whose nodes follow the nodes of the mesh
     ) -> RidingWalls:
         """Find what follows walls."""
         first, quads, markers, around = NodeHeights.of(mesh, faces.faces), faces.faces, faces.marker, mesh.points
@@ -83,7 +83,7 @@ class RidingWalls(OneLine):
             faces = replace(faces, faces=np.searchsorted(nodes, faces.faces))
             planes = [(np.flatnonzero(np.isin(nodes, ids)), normal) for ids, normal in planes]
             fixed, first = np.flatnonzero(np.isin(nodes, fixed)), first.among(nodes)
-        least_slope = LEAST_SLOPE if mesh.numbers is None else 0.0  # lines of blocks begin at nodes, however they lean
+        least_slope = LEAST_SLOPE if mesh.numbers is None else 0.0  # lines of blocks begin at nodes, however oblique
         layer = WallLayer.of(wall, around, rows, planes, fixed, least_slope=least_slope)
         following = WallFollowing(layer, rows, np.zeros(0, dtype=int), None)
         return cls(faces, rows, planes, _fading(around, points, quads, fade), following, missed, first)
@@ -94,7 +94,7 @@ class RidingWalls(OneLine):
         return self.following.layer.wall.tree.points
 
     def faded(self, mismatch: np.ndarray) -> np.ndarray:
-        """F times what was missed of the nodes, shape (n_wall, 3): no node leaves a plane by it."""
+        """F times the mismatch of wall nodes, shape (n_wall, 3), without moving any node out of a plane."""
         return self._in_planes(self.fading @ mismatch)
 
     def faded_vjp(self, bar: np.ndarray) -> np.ndarray:
@@ -107,12 +107,12 @@ class RidingWalls(OneLine):
         return vectors
 
     def heights(self, points: np.ndarray) -> np.ndarray:
-        """Heights of the nodes next to walls above them (m), shape (m,), of a mesh, shape (n_points, 3)."""
+        """Heights (m) above walls of their adjacent nodes, shape (m,), for mesh points, shape (n_points, 3)."""
         return self.first.heights(points)
 
 
 def _fading(points: np.ndarray, wall: np.ndarray, quads: np.ndarray, fade: tuple[float, float] = FADE) -> csr_array:
-    """Weights of the nodes of a wall in the nodes of the mesh: one at the wall, zero from where ``fade`` says on."""
+    """Weights of wall nodes in the nodes of the mesh: one at the wall, zero beyond the distance given by ``fade``."""
     width = np.sqrt(np.linalg.norm(area_vectors(wall[quads]), axis=1))
     counts = np.bincount(quads.ravel(), minlength=len(wall))
     widths = np.bincount(quads.ravel(), np.repeat(width, 4), len(wall)) / np.maximum(counts, 1)

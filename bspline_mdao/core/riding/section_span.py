@@ -1,4 +1,4 @@
-"""The two planes between which a fitted section lies, for meshes of two dimensions.
+"""The two planes between which a fitted section lies, for two-dimensional meshes.
 
 Theory: ``docs/theory/ride.rst``.
 """
@@ -18,7 +18,7 @@ __all__ = ["require_planes_of_section", "section_span"]
 
 
 def section_span(model: FittedModel) -> SectionSpan | None:
-    """Find the two planes of symmetry that a fitted section lies between.
+    """Find the two symmetry planes between which a fitted section lies.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def section_span(model: FittedModel) -> SectionSpan | None:
     Returns
     -------
     SectionSpan or None
-        None where the grid is no section: its planes of symmetry are not two across one axis, at its two ends.
+        None if the grid is not a section: it does not have two symmetry planes across one axis, at its two ends.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def section_span(model: FittedModel) -> SectionSpan | None:
 
 
 def require_planes_of_section(model: FittedModel, mesh: MixedMesh) -> None:
-    """Refuse a mesh whose file has two dimensions where the fitted grid is no section between the same planes."""
+    """Refuse a two-dimensional mesh file unless the fitted grid is a section between the same planes."""
     if mesh.n_copies == 1:
         return
     span = section_span(model)

@@ -1,8 +1,8 @@
-"""The walls of a mesh that rides: those of its faces that lie on the walls of the fitted grid.
+"""The walls of an embedded mesh: its faces on the walls of the fitted grid.
 
-A face of the mesh belongs to the boundary face of the grid that is nearest and looks the same way, if it is no farther
-above or below it than half the width of either. A marker is a wall where most of its area belongs to walls; without
-markers every face of the skin is taken by itself.
+A face of the mesh belongs to the nearest boundary face of the grid with the same orientation, if it is at most half the
+width of either above or below it. A marker is a wall if most of its area belongs to walls; without markers every face
+of the skin is treated separately.
 
 Theory: ``docs/theory/ride.rst``.
 """
@@ -26,28 +26,28 @@ from ..model.fitted_model import FittedModel
 __all__ = ["GridBoundary", "WallFaces", "markers_mostly"]
 
 N_NEAREST = 12
-"""Boundary quads of the grid that a face is compared with: more than meet in an edge of a flat wall and a plane."""
+"""Number of boundary quads compared with a face: more than meet at an edge of a flat wall and a plane."""
 
 ABOVE = 0.5
-"""Distance of a face from the plane of its boundary quad, by the width of either, up to which it may belong to it: two
-cuts of a round nose are an eighth of their width apart where that is the radius."""
+"""Distance of a face from the plane of its boundary quad, relative to the width of either, up to which it may belong to
+it: two cuts of a round nose are an eighth of their width apart if that equals the radius."""
 
 
 @dataclass(frozen=True, eq=False)
 class GridBoundary:
     """Boundary quads of the fitted grid on the baseline. Made by `GridBoundary.of`."""
 
-    tree: cKDTree  # their middles
-    # sizes, widths: (n,), their longest diagonals, and their areas by these (m)
+    tree: cKDTree  # their centres
+    # sizes, widths: (n,), their longest diagonals, and their areas divided by these (m)
     sizes: np.ndarray
     widths: np.ndarray
     normals: np.ndarray  # (n, 3), their unit normals; zero without area
-    is_wall: np.ndarray  # (n,) of bool, whether they are of a wall
-    patch: np.ndarray  # (n,), the patch that they belong to
+    is_wall: np.ndarray  # (n,) of bool, whether they are on a wall
+    patch: np.ndarray  # (n,), their patch
 
     @classmethod
     def of(cls, model: FittedModel) -> GridBoundary:
-        """Take them of a fitted grid."""
+        """Collect them from a fitted grid."""
         topology, nodes = model.topology, model.grid_map().nodes
         surface = BoundarySurface.of(topology, nodes, topology.boundary)
         x = nodes[surface.rows][surface.quads]
@@ -62,7 +62,7 @@ class GridBoundary:
         return self.sizes[self.tree.query(points)[1]]
 
     def on_patches(self, points: np.ndarray, patches: Collection[str]) -> np.ndarray:
-        """Whether points of walls, shape (n, 3), are on some of their patches."""
+        """Whether wall points, shape (n, 3), are on some patches of walls."""
         walls = np.flatnonzero(self.is_wall)
         _, near = cKDTree(self.tree.data[walls]).query(points)
         return np.isin(self.patch[walls[near]], list(patches))
@@ -72,7 +72,7 @@ class GridBoundary:
         return self._are_on(x, self.is_wall)
 
     def on_patch(self, x: np.ndarray, patch: str) -> np.ndarray:
-        """Whether faces by their corners, shape (n, 4, 3), are on a patch, of a wall or not."""
+        """Whether faces by their corners, shape (n, 4, 3), are on a patch, wall or not."""
         return self._are_on(x, self.patch == patch)
 
     def _are_on(self, x: np.ndarray, is_wanted: np.ndarray) -> np.ndarray:
@@ -90,8 +90,8 @@ class GridBoundary:
 
 
 def _measured(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Longest diagonals of quads by their corners, shape (n, 4, 3), areas by these, and unit normals."""
-    # Normals are zero without area. An area by the diagonal is the width of a long quad, and less than that of a
+    """Longest diagonals of quads by their corners, shape (n, 4, 3), areas divided by these, and unit normals."""
+    # Normals are zero for quads without area. Area divided by diagonal is the width of a long quad, and less for a
     # square.
     areas = area_vectors(x)
     lengths = np.linalg.norm(areas, axis=1)
@@ -104,16 +104,16 @@ def _measured(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 class WallFaces(OneLine):
     """Faces of a mesh that are walls."""
 
-    names: tuple[str, ...]  # markers that are walls; one, ``"skin"``, where there are no markers
+    names: tuple[str, ...]  # markers that are walls; one, ``"skin"``, if there are no markers
     faces: np.ndarray  # (n, 4) of int, faces around the normal into the mesh
-    marker: np.ndarray  # (n,) of int, marker that each belongs to
+    marker: np.ndarray  # (n,) of int, marker of each
 
     @classmethod
     def of(
         cls,
         mesh: MixedMesh,  # the mesh
         boundary: GridBoundary,  # boundary of the fitted grid
-        wanted: Sequence[str] | None = None,  # markers, by name or pattern, in the place of those that are found
+        wanted: Sequence[str] | None = None,  # markers, by name or pattern, instead of the found ones
     ) -> WallFaces:
         """Find them."""
         if not mesh.markers:
@@ -133,7 +133,7 @@ class WallFaces(OneLine):
         return cls((), np.zeros((0, 4), dtype=int), np.zeros(0, dtype=int))
 
     def followed_by(self, faces: Mapping[str, np.ndarray]) -> WallFaces:
-        """These, and behind them faces, each (n, 4) around the normal into the mesh, of others by their names."""
+        """These, followed by named other faces, each (n, 4) around the normal into the mesh."""
         numbers = len(self.names) + np.repeat(np.arange(len(faces)), [len(part) for part in faces.values()])
         return WallFaces(
             (*self.names, *faces),
@@ -155,7 +155,7 @@ class WallFaces(OneLine):
 
 
 def markers_mostly(mesh: MixedMesh, is_on: Callable[[np.ndarray], np.ndarray]) -> tuple[str, ...]:
-    """Markers of a mesh of which most of the area is on something, by their corners, shape (n, 4, 3)."""
+    """Markers of a mesh with most of their area on something, by their corners, shape (n, 4, 3)."""
     names = []
     for name, faces in (mesh.markers or {}).items():
         x = mesh.points[faces]
