@@ -1,1 +1,1 @@
-"""Foundations of all layers: numbers, sparse systems, texts and optional packages; no geometry."""
+"""The foundation of the package: numerics, sparse systems, texts and optional packages; no geometry."""

@@ -1,7 +1,7 @@
-"""Checks of what users hand over.
+"""Checks of user arguments.
 
-Functions ``as_*`` return it in the form that is computed with, and ``require_*`` refuse what is of another kind. Their
-argument ``what`` is what a message calls it.
+Functions ``as_*`` return the argument in the form used in computations, and ``require_*`` refuse another kind. Their
+argument ``what`` is its name in messages.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = [
 
 
 def as_array(values: Any, what: str) -> np.ndarray:
-    """Turn numbers into an array of 8-byte reals in C order; complex ones, of complex steps, stay complex."""
+    """Convert numbers to an array of 8-byte reals in C order; complex numbers, from complex steps, stay complex."""
     try:
         array = np.asarray(values)
         return np.ascontiguousarray(array, dtype=complex if array.dtype.kind == "c" else float)
@@ -35,7 +35,7 @@ def as_array(values: Any, what: str) -> np.ndarray:
 
 
 def as_numbers(values: Any, what: str) -> np.ndarray:
-    """Return numbers as an array of floats of their own, which are not necessarily finite."""
+    """Return numbers as a new array of floats, not necessarily finite."""
     try:
         return np.array(values, dtype=float)
     except (TypeError, ValueError):
@@ -71,7 +71,7 @@ def as_direction(values: Any, what: str) -> np.ndarray:
 
 
 def as_axes(axes: str, what: str) -> np.ndarray:
-    """Return unit vectors downstream, along the span, and up, shape (3, 3), from names of axes such as "xzy"."""
+    """Return unit vectors downstream, along the span, and up, shape (3, 3), from axis names such as "xzy"."""
     if sorted(axes) != ["x", "y", "z"]:
         raise InputError(f"{what}: axes '{axes}'; name x, y and z in the order downstream, along the span, up")
     return np.eye(3)[["xyz".index(axis) for axis in axes]]
@@ -80,7 +80,7 @@ def as_axes(axes: str, what: str) -> np.ndarray:
 def require_kind(
     value: Any,  # the argument
     kind: type,  # what it should be
-    what: str,  # what, advice: what it is called, and what to do
+    what: str,  # what, advice: its name in messages, and what to do
     advice: str,
 ) -> None:
     """Refuse an argument of another type."""
@@ -89,7 +89,7 @@ def require_kind(
 
 
 def require_list(items: Any, kind: str, members: Iterable[str], what: str) -> Sequence:
-    """Return a list of objects of one kind, which is recognised by the members that they need."""
+    """Return a list of objects of one kind, recognised by their required members."""
     if not isinstance(items, Sequence) or isinstance(items, str):
         raise InputError(f"{what}: the {kind}s are one {type(items).__name__}; give a list of them")
     for number, item in enumerate(items, start=1):

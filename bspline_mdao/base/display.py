@@ -1,6 +1,6 @@
-"""How objects show themselves: in one line at a prompt, as a small table and a picture in a notebook, and by ``plot``.
+"""Display of objects: one line at a prompt, a small table and a picture in a notebook, and ``plot``.
 
-What draws is on top of all folders, so it is asked for by its name, and only when something is drawn.
+The drawing code is above all other folders, so it is imported by name, and only when something is drawn.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ import numpy as np
 __all__ = ["InNotebook", "OneLine", "Plottable", "in_brief"]
 
 WIDTH = 120
-"""Characters that a line has at most, as a rule."""
+"""Usual maximum number of characters in a line."""
 
 FEW = 4
-"""Numbers, or items of a list, that are written out."""
+"""Maximum number of numbers, or list items, that are written out."""
 
 
 class OneLine:
-    """What is printed as one line: the class and its fields, arrays by their shapes and long lists by their lengths."""
+    """Prints as one line: the class and its fields, arrays by their shapes and long lists by their lengths."""
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Keep the line, or what a base made of it, which a dataclass would replace by one of all digits."""
+        """Keep the one-line form, or a base's version, which a dataclass would replace by one with all digits."""
         super().__init_subclass__(**options)
         cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
 
@@ -73,26 +73,26 @@ def _shortened(text: str) -> str:
 
 
 class InNotebook(OneLine):
-    """What a notebook shows as a table and a picture; its line serves where there is none."""
+    """Shown in a notebook as a table and a picture; elsewhere as its line."""
 
     def _repr_html_(self) -> str | None:
-        """Show a small table and, where it is quick, a picture; None, so that the line is shown, if that fails."""
+        """Show a small table and, if quick, a picture; None if that fails, so the line is shown."""
         try:
             return _drawing("html").html_of(self)
-        except Exception:  # whatever is wrong, a notebook falls back to the line
+        except Exception:  # on any error, a notebook falls back to the line
             return None
 
 
 class Plottable(InNotebook):
-    """What can be looked at: a grid, a fitted grid."""
+    """An object that can be plotted: a grid, a fitted grid."""
 
     def plot(self, show: bool | None = None, file: str | os.PathLike | None = None, **how: Any) -> Any:
-        """Look at it: in a window, in a notebook, or as a picture in a file.
+        """Plot it: in a window, in a notebook, or to a picture file.
 
         Parameters
         ----------
         show : str or sequence of str, optional
-            What to see, see `bspline_mdao.plotting.plot`: surfaces (``"walls"``, ``"symmetry"``, ``"farfield"``,
+            What to show, see `bspline_mdao.plotting.plot`: surfaces (``"walls"``, ``"symmetry"``, ``"farfield"``,
             ``"boundary"``, ``"control mesh"``, names of patches), and one field that colours them (``"quality"``,
             ``"corner"``, ``"wall height"``, ``"block"``, ``"patch"``).
         file : path-like, optional
@@ -103,16 +103,16 @@ class Plottable(InNotebook):
         Returns
         -------
         pathlib.Path or pyvista.Plotter or None
-            The file; else the plotter of the window, or what a notebook shows.
+            The file; otherwise the plotter of the window, or the notebook's output.
 
         Raises
         ------
         InputError
-            If there is nothing of the kind, the file is no PNG, or the libraries that draw are missing.
+            If there is nothing of the kind, the file is not a PNG, or the drawing libraries are missing.
         """
         return _drawing("plot").plot(self, show, file, **how)
 
 
 def _drawing(name: str) -> Any:
-    """Import a module of the package that draws, which is above all others."""
+    """Import a drawing module of the package, which is above all others."""
     return importlib.import_module(f"bspline_mdao.studio.plotting.{name}")

@@ -1,4 +1,4 @@
-"""Libraries that are installed on request, as extras of the package, and what is said where one is missing."""
+"""Libraries installed on request, as extras of the package, and messages for missing ones."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ INSTALL = 'pip install "bspline_mdao[{extra}]"'
 
 def library(
     module: str,  # name of the module
-    need: str,  # how the message begins: what needs which library, such as ``"files of Gmsh need meshio"``
+    need: str,  # beginning of the message: what needs which library, such as ``"files of Gmsh need meshio"``
     extra: str,  # extra that installs it
     otherwise: str = "",  # what can be done without it
 ) -> ModuleType:
-    """Import a module of a library that only some users have."""
+    """Import a module of an optional library."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:

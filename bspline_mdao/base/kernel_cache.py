@@ -1,8 +1,8 @@
-"""A place for compiled kernels: for where numba finds none, as in containers and on compute nodes.
+"""A folder for compiled kernels if numba finds none, as in containers and on compute nodes.
 
-Numba keeps what it compiles in ``NUMBA_CACHE_DIR``, beside the source or in the cache folder of the user, and refuses
-to import a kernel if none of them can be written. The place is checked before the first kernel is imported, without
-importing numba, so that importing the package stays cheap.
+Numba stores compiled code in ``NUMBA_CACHE_DIR``, next to the source or in the user's cache folder, and refuses to
+import a kernel if none of them is writable. This is checked before the first kernel is imported, without importing
+numba, so importing the package stays cheap.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 
 def ensure_kernel_cache() -> None:
-    """Point numba to a private folder under the temporary one if it can write nowhere else, and say so in one line."""
-    # The folder is the same in the next session, so that kernels are compiled once, unless somebody else has taken its
-    # name: cached kernels are code, and come from folders of the user alone. It is passed on to child processes.
+    """Point numba to a private temporary folder if it can write nowhere else, and say so in one line."""
+    # The folder is the same in the next session, so kernels are compiled once, unless another user has taken its name:
+    # cached kernels are code, and are only read from the user's own folders. It is passed on to child processes.
     if _can_be_made(_folder_of_variable()) or _can_be_made(_user_folder()) or _is_package_writable():
         return
     import warnings
@@ -35,20 +35,20 @@ def ensure_kernel_cache() -> None:
 
 
 def kernel_folder() -> str:
-    """Folder of compiled kernels as a whole: the user's choice, that of the package's own module, or the user's."""
+    """Folder of all compiled kernels: the user's choice, the package's own, or the user's cache."""
     if folder := _folder_of_variable():
         return folder
     return os.path.join(PACKAGE, "__pycache__") if _is_package_writable() else _user_folder()
 
 
 def _folder_of_variable() -> str:
-    """Folder that the user has chosen; empty where there is none."""
+    """Folder chosen by the user; empty if none."""
     chosen = os.environ.get(VARIABLE)
     return os.path.abspath(chosen) if chosen else ""
 
 
 def _user_folder() -> str:
-    """Folder in which the user's caches are, where numba looks for it; relative where the user has no home."""
+    """Folder of the user's caches, where numba looks for it; relative if the user has no home."""
     if sys.platform == "win32":
         return os.environ.get("LOCALAPPDATA", "")
     caches = "~/Library/Caches" if sys.platform == "darwin" else os.environ.get("XDG_CACHE_HOME") or "~/.cache"
@@ -56,13 +56,13 @@ def _user_folder() -> str:
 
 
 def _is_package_writable() -> bool:
-    """Whether every folder with sources takes compiled files."""
+    """Whether compiled files can be written to every source folder."""
     folders = [path for path, _, names in os.walk(PACKAGE) if any(name.endswith(".py") for name in names)]
     return all(_can_be_made(os.path.join(path, "__pycache__")) for path in folders)
 
 
 def _can_be_made(folder: str) -> bool:
-    """Whether a folder can be written, or made with those above it that are missing."""
+    """Whether a folder is writable, or can be made with its missing parents."""
     if not os.path.isabs(folder):
         return False
     while not os.path.exists(folder):
@@ -71,7 +71,7 @@ def _can_be_made(folder: str) -> bool:
 
 
 def _private_folder() -> str:
-    """Make or find a folder under the temporary one that this user alone can enter."""
+    """Make or find a temporary folder that only this user can enter."""
     import tempfile
 
     user = os.geteuid() if hasattr(os, "geteuid") else 0
@@ -87,7 +87,7 @@ def _private_folder() -> str:
 
 
 def _folder_of_session() -> str:
-    """Make a folder that goes when the process ends."""
+    """Make a folder that is deleted when the process ends."""
     import atexit
     import shutil
     import tempfile

@@ -1,8 +1,8 @@
-"""Several processes that compile kernels into one folder: each kernel once, by the one that needs it first.
+"""Several processes that compile kernels into one folder: each kernel once, by the process that first needs it.
 
-Numba lets processes that miss a kernel at the same time all compile it, and each writes its own index over that of the
-others. Here one locks the kernel, the others wait and read what it has compiled. For processes that are started to
-compile (`bspline-mdao warm-up`); those that work do not wait for each other.
+With numba alone, processes that miss a kernel at the same time all compile it, and each overwrites the others' index.
+Here one locks the kernel, and the others wait and read the result. This is for processes started to compile
+(`bspline-mdao warm-up`); working processes do not wait for each other.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 __all__ = ["HAS_LOCKS", "shared_compilation"]
 
 PATIENCE = 120.0
-"""Seconds that a process waits for another one before it compiles a kernel itself."""
+"""Seconds that a process waits for another before it compiles a kernel itself."""
 
 try:
     import fcntl
@@ -26,16 +26,16 @@ try:
     HAS_LOCKS = True
 except ImportError:  # Windows
     HAS_LOCKS = False
-"""Whether processes can lock kernels; only one may compile at a time otherwise."""
+"""Whether processes can lock kernels; otherwise only one may compile at a time."""
 
 
 @contextmanager
 def shared_compilation(
     locks: Path,  # folder of the locks, the same for all processes
-    # told the index and the signature of each specialisation that is needed, and whether it has to be compiled
+    # called with the index and signature of each specialisation needed, and whether it must be compiled
     noted: Callable[[str, str, bool], None],
 ) -> Iterator[None]:
-    """Share compilation with other processes that do the same, and note what is needed of the cache."""
+    """Share compilation with other processes that do the same, and note which cache entries are needed."""
     from numba.core.caching import FunctionCache  # takes a while to import
 
     load, save, owned = FunctionCache.load_overload, FunctionCache.save_overload, _Locks(locks)
@@ -47,7 +47,7 @@ def shared_compilation(
             found = load(self, signature, target)  # another process may have compiled it in the meantime
             if found is not None:
                 owned.drop(index)
-        shipped = getattr(self, "_shipped", None)  # of a wheel, see `shipped_kernels`
+        shipped = getattr(self, "_shipped", None)  # from a wheel, see `shipped_kernels`
         if found is not None and shipped is not None and not os.path.exists(index):
             index = shipped._index_path
         noted(index, str(signature), found is None)
@@ -68,14 +68,14 @@ def shared_compilation(
 
 
 class _Locks:
-    """Locks of kernels that this process compiles; the system takes them back when it ends."""
+    """Locks of kernels that this process compiles; the system releases them when it ends."""
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self.taken: dict[str, tuple[int, int]] = {}  # descriptor of the file, and how often it was asked for
+        self.taken: dict[str, tuple[int, int]] = {}  # descriptor of the file, and how often it was requested
 
     def take(self, index: str) -> None:
-        """Wait until no other process compiles a kernel, and keep others off."""
+        """Wait until no other process compiles a kernel, and lock it."""
         if not HAS_LOCKS:
             return
         if index in self.taken:  # a kernel that calls itself
@@ -94,7 +94,7 @@ class _Locks:
         self.taken[index] = descriptor, 1
 
     def drop(self, index: str) -> None:
-        """Let others have a kernel."""
+        """Release a kernel."""
         descriptor, n = self.taken.pop(index, (-1, 0))
         if n > 1:
             self.taken[index] = descriptor, n - 1
@@ -102,7 +102,7 @@ class _Locks:
             os.close(descriptor)
 
     def drop_all(self) -> None:
-        """Let others have all kernels."""
+        """Release all kernels."""
         for descriptor, _ in self.taken.values():
             os.close(descriptor)
         self.taken.clear()

@@ -1,12 +1,12 @@
-"""Kernels that a wheel ships compiled: read where numba's own cache has none, by processors that can run them.
+"""Precompiled kernels shipped in a wheel: used if numba's own cache has none, on processors that can run them.
 
-A wheel may hold kernels for levels of processors, ``_kernels/LEVEL`` in the package, which `tools/ship_kernels.py`
-compiles. Numba asks its cache for a specialisation by the name and the features of the processor; where that has none,
-it is looked for among those of the highest level whose features this processor has, all of them. What is not there, is
-of another version of numba or of Python or of another source is compiled as ever.
+A wheel may contain kernels for processor levels, ``_kernels/LEVEL`` in the package, compiled by
+`tools/ship_kernels.py`. Numba looks up a specialisation in its cache by the name and features of the processor. If
+there is none, the kernels of the highest level whose features this processor has in full are searched. Kernels that are
+missing, or are from another version of numba, of Python or of the source, are compiled as usual.
 
-The package asks for it when it is imported, which does not import numba: `enable_with_numba` waits for that. Programs
-that use numba without this package meet nothing of it, as they would by an entry point of numba's.
+The package enables this on import, without importing numba: `enable_with_numba` waits for that. Programs that use numba
+without this package are not affected, as they would be by a numba entry point.
 """
 
 from __future__ import annotations
@@ -45,25 +45,25 @@ _V3 = (
 _WIDE = ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
 
 LEVELS: dict[str, tuple[str, ...]] = {"x86-64-v4": (*_V3, *_WIDE), "x86-64-v3": _V3}
-"""Features of each level of x86-64 beyond the first, the highest level first; names are those of LLVM."""
+"""Features of each x86-64 level beyond the first, highest level first, by LLVM's names."""
 
 TARGETS = {"x86-64-v4": ",".join([*(f"+{name}" for name in _WIDE), "-prefer-256-bit"]), "x86-64-v3": "+avx2,+fma"}
-"""``NUMBA_CPU_FEATURES`` that the kernels of a level are compiled with; ``NUMBA_CPU_NAME`` is its name."""
+"""``NUMBA_CPU_FEATURES`` with which the kernels of a level are compiled; ``NUMBA_CPU_NAME`` is its name."""
 
 
 def level_of(
-    features: dict[str, bool],  # which features of LLVM a processor has
+    features: dict[str, bool],  # LLVM features of a processor
 ) -> str | None:
-    """Highest level that a processor can run; None where it can run none, or would not have compiled the same."""
+    """Highest level that a processor can run; None if it can run none, or would have compiled differently."""
     for level, names in LEVELS.items():
         if all(features.get(name) for name in names):
-            # the evaluation takes twice as many lanes where there are wide registers, whatever else there is
+            # the evaluation takes twice as many lanes if there are wide registers, whatever other features there are
             return level if ("avx512f" in names) == bool(features.get("avx512f")) else None
     return None
 
 
 def enable_with_numba(folder: str = FOLDER) -> None:
-    """Do as `enable` does as soon as numba is imported, at once if it is."""
+    """Call `enable` as soon as numba is imported, at once if it already is."""
     if _CACHING in sys.modules:
         enable(folder)
     elif os.path.isdir(folder):
@@ -71,13 +71,13 @@ def enable_with_numba(folder: str = FOLDER) -> None:
 
 
 class _WaitForNumba:
-    """A finder of modules that finds none itself, and goes once numba's caching is found."""
+    """A module finder that finds none itself, and removes itself once numba's caching is found."""
 
     def __init__(self, folder: str):
         self.folder = folder
 
     def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        """Let the others find numba's caching, and enable what is shipped as soon as they have loaded it."""
+        """Let the others find numba's caching, and enable shipped kernels as soon as it is loaded."""
         if name != _CACHING:
             return None
         sys.meta_path.remove(self)
@@ -94,7 +94,7 @@ class _WaitForNumba:
 
 
 def enable(folder: str = FOLDER) -> bool:
-    """Let numba look for kernels of this package in a folder as well; say whether it does."""
+    """Let numba also look for kernels of this package in a folder; return whether it does."""
     if not os.path.isdir(folder) or os.environ.get("BSPLINE_MDAO_PLAIN_KERNELS", "0") != "0":
         return False
     import llvmlite.binding as llvm

@@ -1,4 +1,4 @@
-"""Words of messages and tables."""
+"""Text of messages and tables."""
 
 from __future__ import annotations
 
@@ -8,16 +8,7 @@ __all__ = ["counted", "reason_of", "value_name", "value_names"]
 
 
 def counted(n: int, noun: str, plural: str = "") -> str:
-    """Write a number and what it counts.
-
-    Parameters
-    ----------
-    n : int
-        The number.
-    noun : str
-        What there is one of.
-    plural : str
-        What there are several of; the noun and an s by default.
+    """Write a number with a noun, or its plural, by default the noun and an s.
 
     Examples
     --------
@@ -28,7 +19,7 @@ def counted(n: int, noun: str, plural: str = "") -> str:
 
 
 def reason_of(error: BaseException) -> str:
-    r"""Write what an error of another library says on a line, at most 160 characters of it.
+    r"""Write the message of another library's error on one line, at most 160 characters.
 
     Examples
     --------
@@ -39,16 +30,9 @@ def reason_of(error: BaseException) -> str:
 
 
 def value_name(name: str, place: int, n: int | None = None) -> str:
-    """Name a value of a variable as Python finds it: by the variable and, of several, its place in it from 0.
+    """Name a value of a variable as Python indexes it: by the variable and, for several, its index from 0.
 
-    Parameters
-    ----------
-    name : str
-        Name of the variable.
-    place : int
-        Place of the value in the flat variable, of all of its values and not only those that are optimised.
-    n : int, optional
-        Number of values of the variable; it counts as one of several by default.
+    The index counts all values of the flat variable, not only optimised ones; without ``n`` there are several.
 
     Examples
     --------
@@ -59,7 +43,7 @@ def value_name(name: str, place: int, n: int | None = None) -> str:
 
 
 def value_names(name: str, n: int, places: Iterable[int] | None = None) -> tuple[str, ...]:
-    """Names of the n values of a variable, or of those at some places in a variable of several; see `value_name`."""
+    """Names of the n values of a variable, or of the values at some indices; see `value_name`."""
     if places is None:
         return tuple(value_name(name, place, n) for place in range(n))
     return tuple(value_name(name, place) for place in places)

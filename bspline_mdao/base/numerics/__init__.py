@@ -1,1 +1,1 @@
-"""Processes, threads, memory, progress and small linear algebra: what all folders share."""
+"""Processes, threads, memory, progress and small linear algebra, shared by all folders."""

@@ -1,7 +1,7 @@
-"""Halo: rows of arrays of other processes that a process sees behind its own.
+"""Halo: array rows of other processes, which a process sees after its own.
 
-Which rows these are is settled once. What is added up at them goes back the same way, in the order of the processes, so
-that the transpose is exact and always the same to the last bit.
+The rows are fixed once. Sums accumulated at them return the same way, in the order of the processes, so the transpose
+is exact and always the same to the last bit.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -23,7 +23,7 @@ class Halo:
     """Exchange of rows with other processes. Made by `of`; `ALONE` for one process, which sends nothing."""
 
     comm: Any  # the processes
-    # rows of this process, and rows of others that it sees
+    # rows of this process, and visible rows of others
     n_owned: int = 0
     n_ghosts: int = 0
     sent: tuple[tuple[int, np.ndarray], ...] = ()  # processes that see rows of this one, and which
@@ -35,11 +35,11 @@ class Halo:
         cls,
         comm: Any,  # communicator, the processes
         n_owned: int,  # rows of this process
-        # process that holds each row that is wanted, and its number there; its own ones and repetitions are fine
+        # process with each requested row, and its number there; own rows and repetitions are allowed
         ranks: np.ndarray,  # int (n,)
         rows: np.ndarray,  # int (n,)
-    ) -> tuple[Halo, np.ndarray]:  # places int (n,): where the wanted rows are in extended arrays
-        """Settle which rows are seen: all processes call it together."""
+    ) -> tuple[Halo, np.ndarray]:  # places int (n,): positions of the requested rows in extended arrays
+        """Determine the visible rows: a collective call."""
         if comm.size == 1:
             return cls(comm, n_owned), rows
         foreign = np.flatnonzero(ranks != comm.rank)
@@ -58,14 +58,14 @@ class Halo:
         return cls(comm, n_owned, len(at), sent, received), places
 
     def owners(self) -> np.ndarray:
-        """Process that holds each row of extended arrays."""
+        """Owning process of each row of extended arrays."""
         out = np.full(self.n_owned + self.n_ghosts, self.comm.rank)
         for rank, part in self.received:
             out[part] = rank
         return out
 
     def extend(self, owned: np.ndarray) -> np.ndarray:
-        """Put the rows of others behind those of this process: shape (n_owned + n_ghosts, ...)."""
+        """Append the rows of others to this process's rows: shape (n_owned + n_ghosts, ...)."""
         # One process gets its array back.
         if self.comm.size == 1:
             return owned
@@ -79,7 +79,7 @@ class Halo:
         return seen
 
     def fold(self, seen: np.ndarray) -> np.ndarray:
-        """Transposed product of `extend`: add what is at the rows of others to them, there."""
+        """Transposed product of `extend`: add values at the rows of others to these rows, on their processes."""
         if self.comm.size == 1:
             return seen
         owned = seen[: self.n_owned].copy()
@@ -94,7 +94,7 @@ class Halo:
         return owned
 
     def cut(self, seen: np.ndarray) -> np.ndarray:
-        """Leave the rows of others away."""
+        """Drop the rows of others."""
         return seen if self.comm.size == 1 else seen[: self.n_owned]
 
     def pad(self, owned: np.ndarray) -> np.ndarray:
@@ -105,4 +105,4 @@ class Halo:
 
 
 ALONE = Halo(ONE)
-"""That of one process."""
+"""Halo of a single process."""

@@ -1,7 +1,7 @@
-"""Several numbers in one register, as a value in kernels: formulas written for one number then work on all of them.
+"""Several numbers in one register, as a value in kernels: formulas written for one number work on all of them.
 
-LLVM turns loops into vectors of half a register on processors of some kinds, checks before every loop whether its rows
-overlap, and gives up where these are many. A value of type `Lanes` is a whole register: sums, differences and products
+On some processors LLVM vectorizes loops with only half a register; it checks before every loop whether its rows
+overlap, and gives up if there are many. A value of type `Lanes` is a whole register: sums, differences and products
 with one another and with numbers, inverse square roots, and loads and stores from any place of a flat array.
 """
 
@@ -95,7 +95,7 @@ def _constant(kind: ir.Type, value: Any) -> ir.Constant:
 
 
 def _as_vector(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
-    """Copies of a number in all lanes; lanes as they are."""
+    """Copies of a number in all lanes; lanes unchanged."""
     if value.type == VECTOR:
         return value
     empty = ir.Constant(VECTOR, ir.Undefined)
@@ -104,7 +104,7 @@ def _as_vector(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
 
 
 def _binary(emit_one: Callable[[ir.IRBuilder, ir.Value, ir.Value], ir.Value]) -> Any:
-    """Intrinsic of two operands, of which one at least is of lanes."""
+    """Intrinsic of two operands, at least one of which is lanes."""
 
     @intrinsic
     def apply(typing_context, a, b):
@@ -158,7 +158,7 @@ def within(typing_context, n, lanes, other):
 
 @intrinsic
 def positive(typing_context, lanes):
-    """One in lanes that are positive; zero in others, and in those that are no numbers."""
+    """One in positive lanes; zero in others, and in NaN lanes."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         is_positive = builder.fcmp_ordered(">", args[0], _constant(LANE, 0.0))
@@ -169,7 +169,7 @@ def positive(typing_context, lanes):
 
 @njit(cache=True, nogil=True)
 def aligned_zeros(n):
-    """Zeros from a place on that is a whole number of registers: one across two lines of the cache takes longer."""
+    """Zeros aligned to registers: a register across two cache lines takes longer."""
     zeros = np.zeros(n + LANES)
     first = -(zeros.ctypes.data // zeros.itemsize) % LANES
     return zeros[first : first + n]
@@ -177,7 +177,7 @@ def aligned_zeros(n):
 
 @intrinsic
 def below(typing_context, limit, lanes, value):
-    """A value where lanes are below a limit, or no numbers; zero elsewhere."""
+    """A value where lanes are below a limit, or NaN; zero elsewhere."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         is_below = builder.fcmp_unordered("<", args[1], _as_vector(builder, args[0]))
@@ -188,7 +188,7 @@ def below(typing_context, limit, lanes, value):
 
 @intrinsic
 def any_below(typing_context, limit, lanes):
-    """Whether any of the lanes is below a limit, or no number."""
+    """Whether any of the lanes is below a limit, or NaN."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         is_below = builder.fcmp_unordered("<", args[1], _as_vector(builder, args[0]))
@@ -222,7 +222,7 @@ def load(typing_context, array, offset, n):
 
 @intrinsic
 def store(typing_context, array, offset, n, lanes):
-    """Write the first ``n`` lanes from an offset into a flat array on."""
+    """Write the first ``n`` lanes into a flat array, starting at an offset."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         at = _address(context, builder, signature, args, VECTOR)
@@ -259,14 +259,14 @@ def with_bits(typing_context, bits, bit, lanes, other):
 def _address(
     context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value], kind: ir.Type
 ) -> ir.Value:
-    """Pointer to a vector in the data of an array, which is the first argument, at an offset, which is the second."""
+    """Pointer to a vector in the data of an array (first argument) at an offset (second argument)."""
     data = context.make_array(signature.args[0])(context, builder, args[0]).data
     return builder.bitcast(builder.gep(data, [args[1]]), kind.as_pointer())
 
 
 @intrinsic
 def load_points(typing_context, points, offset, n):
-    """Three lanes, x, y and z, of an array of points from an offset on; zeros of those beyond ``n``."""
+    """Three lanes, x, y and z, of an array of points from an offset on; zeros beyond ``n`` points."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         parts = [_load(builder, at, mask, VECTOR) for at, mask in _pieces_of_points(context, builder, signature, args)]
@@ -279,7 +279,7 @@ def load_points(typing_context, points, offset, n):
 
 @intrinsic
 def add_points(typing_context, points, offset, n, vectors):
-    """Add vectors, lanes of x, y and z, to points of an array from an offset on, but for those beyond ``n``."""
+    """Add vectors, lanes of x, y and z, to ``n`` points of an array from an offset on."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         components = cgutils.unpack_tuple(builder, args[3], 3)
@@ -293,17 +293,17 @@ def add_points(typing_context, points, offset, n, vectors):
 
 
 _OF_POINTS = [[divmod(3 * lane + d, LANES) for lane in range(LANES)] for d in range(3)]
-"""Piece, of three of which points are read, and lane of it that each component of each point is in."""
+"""Location of each component of each point: which of three pieces read from memory, and which lane."""
 _OF_PIECES = [
     [((LANES * piece + lane) % 3, (LANES * piece + lane) // 3) for lane in range(LANES)] for piece in range(3)
 ]
-"""Component and point that each lane of each piece is of."""
+"""Component and point of each lane of each piece."""
 
 
 def _pieces_of_points(
     context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]
 ) -> Iterator[tuple[ir.Value, ir.Value]]:
-    """Pointers to three vectors that some points fill, and masks of what there is of them."""
+    """Pointers to three vectors filled by some points, and masks of their existing lanes."""
     data = context.make_array(signature.args[0])(context, builder, args[0]).data
     first = builder.bitcast(builder.gep(data, [args[1]]), LANE.as_pointer())
     n_numbers = builder.mul(args[2], constant(3))
@@ -314,7 +314,7 @@ def _pieces_of_points(
 
 
 def _load(builder: ir.IRBuilder, at: ir.Value, mask: ir.Value, vector: ir.Type) -> ir.Value:
-    """Load what a mask has of a vector; zeros elsewhere."""
+    """Load the masked lanes of a vector; zeros elsewhere."""
     kind = ir.FunctionType(vector, [at.type, _INDEX, mask.type, vector])
     name = f"llvm.masked.load.v{LANES}{'f64' if vector == VECTOR else 'i8'}.p0"
     size = ir.Constant(_INDEX, 8 if vector == VECTOR else 1)
@@ -323,14 +323,14 @@ def _load(builder: ir.IRBuilder, at: ir.Value, mask: ir.Value, vector: ir.Type) 
 
 
 def _store(builder: ir.IRBuilder, vector: ir.Value, at: ir.Value, mask: ir.Value) -> None:
-    """Store what a mask has of a vector."""
+    """Store the masked lanes of a vector."""
     kind = ir.FunctionType(ir.VoidType(), [VECTOR, at.type, _INDEX, mask.type])
     function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.masked.store.v{LANES}f64.p0")
     builder.call(function, [vector, at, ir.Constant(_INDEX, 8), mask])
 
 
 def _merged(builder: ir.IRBuilder, vectors: Sequence[ir.Value], sources: Sequence[tuple[int, int]]) -> ir.Value:
-    """Vector of lanes of three others: the number of the vector and the lane in it of each."""
+    """Vector of lanes of three others, each given by the number of the vector and the lane in it."""
     kind = ir.VectorType(_INDEX, LANES)
     first = [LANES * v + lane if v < 2 else 0 for v, lane in sources]
     two = builder.shuffle_vector(vectors[0], vectors[1], ir.Constant(kind, first))
@@ -360,7 +360,7 @@ def least_of(lanes):
 
 @intrinsic
 def _guess(typing_context, x):
-    """Guess the inverse square root of a number, or of lanes, by half the exponent."""
+    """Estimate the inverse square root of a number, or of lanes, by halving the exponent."""
     is_one = x != _LANES
     bits = _BITS if is_one else ir.VectorType(_BITS, LANES)
 
@@ -375,7 +375,7 @@ def _guess(typing_context, x):
 
 @intrinsic
 def _off(typing_context, x, y):
-    """``1 - x y^2`` as if it were rounded once: products with their errors."""
+    """``1 - x y^2`` as if rounded once: products with their errors."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         x, y = args
@@ -392,9 +392,9 @@ def _off(typing_context, x, y):
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath={"contract"})
 def inverse_root(x):
     """``1 / sqrt(x)`` of a positive normal number, or of lanes, rounded once but for one in some thousand numbers."""
-    # A processor takes as long for a vector of roots and one of quotients as for forty products. A guess from the bits
-    # is off by 3.5 %; two steps of Householder's method of the fourth order leave rounding alone: A. S. Householder,
-    # *The Numerical Treatment of a Single Nonlinear Equation*, McGraw-Hill, 1970.
+    # A vector of roots and one of quotients take a processor as long as forty products. An estimate from the bits is
+    # off by 3.5 %; two steps of Householder's method of fourth order leave only rounding: A. S. Householder, *The
+    # Numerical Treatment of a Single Nonlinear Equation*, McGraw-Hill, 1970.
     y = _guess(x)
     off = 1.0 - x * y * y
     y = y + y * (off * (0.5 + off * (0.375 + off * 0.3125)))
@@ -404,7 +404,7 @@ def inverse_root(x):
 
 @intrinsic
 def _times_power_of_two(typing_context, lanes, shifted):
-    """Lanes times two to whole numbers, which are given as lanes to which `_SHIFT` has been added."""
+    """Lanes times powers of two with integer exponents, given as lanes with `_SHIFT` added."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         bits = ir.VectorType(_BITS, LANES)
@@ -416,7 +416,7 @@ def _times_power_of_two(typing_context, lanes, shifted):
 
 @intrinsic
 def _series(typing_context, x):
-    """Taylor series of the exponential of lanes, by the scheme of Horner."""
+    """Taylor series of the exponential of lanes, by Horner's scheme."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         total = _constant(LANE, 1.0 / math.factorial(_N_TERMS - 1))
@@ -431,9 +431,9 @@ def _series(typing_context, x):
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath={"contract"})
 def exponential(x):
     """``exp(x)`` of lanes between -700 and 700, to an error of one unit in the last place."""
-    # With k the nearest whole number to x / ln 2, which adding `_SHIFT` rounds to, exp(x) = 2^k exp(x - k ln 2). The
-    # difference is below 0.35: of its Taylor series 13 terms leave 4e-18. The logarithm is in two parts, of which the
-    # first has so few digits that its product with k is exact.
+    # With k the nearest integer to x / ln 2, obtained by adding `_SHIFT`, exp(x) = 2^k exp(x - k ln 2). The difference
+    # is below 0.35, so 13 terms of its Taylor series leave 4e-18. The logarithm is split in two parts, the first with
+    # so few digits that its product with k is exact.
     shifted = x * _LOG2_E + _SHIFT
     k = shifted - _SHIFT
     r = x - k * _LN2_HIGH - k * _LN2_LOW

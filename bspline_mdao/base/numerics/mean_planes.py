@@ -1,7 +1,7 @@
-"""Mean planes of parts of a boundary that are planar but for their roughness; parts of one plane share it.
+"""Mean planes of boundary parts that are planar up to roughness; parts of one plane share it.
 
-Files of 4-byte numbers with an offset hold nodes of a plane that are off it by some 1e-6 of the grid. A small part of
-such a plane is rougher, by its own size, and tilted: what is planar is judged by the size of all parts together.
+In files of 4-byte numbers with an offset, nodes of a plane are off it by about 1e-6 of the grid's size. A small part of
+such a plane is rougher, relative to its own size, and tilted, so planarity is judged by the size of all parts together.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .vectors import nearest_plane
 __all__ = ["MeanPlane", "mean_planes", "near_enough"]
 
 ROUGH = 1e-5
-"""Parts are planar when their points leave the plane by less than this part of the size of all parts together."""
+"""Parts are planar if their points are within this fraction of the size of all parts from the plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +38,8 @@ def mean_planes(
     parts: Sequence[np.ndarray],  # each (n, 3), points of the parts (m)
 ) -> list[MeanPlane]:
     """Find the planes of parts."""
-    # returns that of each part, the same object for parts of one plane. A part that is rougher than `near_enough` is in
-    # no plane
+    # returns the plane of each part, the same object for parts of one plane. A part rougher than `near_enough` is in no
+    # plane
     tolerance = near_enough(parts)
     groups: list[list[int]] = []
     first: list[MeanPlane] = []

@@ -1,4 +1,4 @@
-"""Memory that this machine has left."""
+"""Available memory of this machine."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ __all__ = ["available_bytes"]
 
 MEMINFO = Path("/proc/meminfo")
 GROUP = Path("/sys/fs/cgroup")
-"""Where Linux tells of the machine's memory, and of that of a container or job (version 2 of its groups)."""
+"""Where Linux reports the memory of the machine, and of a container or job (cgroups version 2)."""
 
 
 def available_bytes() -> int:
-    """Memory that can be had without swapping (bytes): of the machine, or less where a job or container is limited."""
-    # Where the system does not tell what is free it is all that there is.
+    """Memory available without swapping (bytes): of the machine, or less if a job or container is limited."""
+    # If the system does not report free memory, the total is used.
     if MEMINFO.exists():
         lines = dict(line.split(":", 1) for line in MEMINFO.read_text().splitlines() if ":" in line)
         free = 1024 * int(lines["MemAvailable"].split()[0])
@@ -24,7 +24,7 @@ def available_bytes() -> int:
 
 
 def _left_of_group(free: int) -> int:
-    """What the group of this process may still take; ``free`` where it has no limit."""
+    """Memory the group of this process may still use; ``free`` if it has no limit."""
     try:
         limit, used = ((GROUP / name).read_text().strip() for name in ("memory.max", "memory.current"))
     except OSError:

@@ -1,10 +1,10 @@
-"""Several processes: the communicator of one process, failures that all processes raise together, sums over them.
+"""Several processes: the communicator of one process, failures raised together by all, and sums over all.
 
-Kernels take a communicator of mpi4py, or what has its ``rank`` and ``size``, and know nothing of mpi4py themselves. One
-process needs none: `ONE`, and everything with a ``size`` of 1, such as OpenMDAO's stand-in, sends nothing.
+Kernels take an mpi4py communicator, or anything with its ``rank`` and ``size``, and do not depend on mpi4py themselves.
+One process needs none: `ONE`, and everything with a ``size`` of 1, such as OpenMDAO's stand-in, sends nothing.
 
-A process that raises while others wait for it in a collective call leaves them waiting for ever. So whatever may fail
-on one process alone is done inside `together`, between collective calls::
+A process that raises while others wait for it in a collective call leaves them waiting forever. So whatever may fail on
+only one process is done inside `together`, between collective calls::
 
     with together(comm):
         part = local_part(own_values)  # may raise, and sends nothing
@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:  # help of the command line, which asks how many processes there are, does not wait for NumPy
+if TYPE_CHECKING:  # the command line's help, which needs the number of processes, does not wait for NumPy
     import numpy as np
 
 __all__ = [
@@ -42,11 +42,11 @@ __all__ = [
 ]
 
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS", "MP_PROCS", "FJMPI_PROCS")
-"""Environment variables in which launchers of MPI tell the number of processes."""
+"""Environment variables in which MPI launchers store the number of processes."""
 
 
 class OneProcess:
-    """Communicator of a process that is alone."""
+    """Communicator of a single process."""
 
     rank = 0
     size = 1
@@ -56,12 +56,12 @@ ONE = OneProcess()
 
 
 def world() -> Any:
-    """Communicator of all processes that a launcher of MPI has started.
+    """Return the communicator of all processes started by an MPI launcher.
 
     Returns
     -------
     communicator
-        mpi4py's; where there is no launcher one process, with ``rank`` 0 and ``size`` 1.
+        mpi4py's communicator; without a launcher one process, with ``rank`` 0 and ``size`` 1.
 
     Examples
     --------
@@ -69,7 +69,7 @@ def world() -> Any:
     >>> world().rank < world().size
     True
     """
-    # mpi4py is imported only where the environment says that there are several.
+    # mpi4py is imported only if the environment says that there are several.
     if n_launched() < 2:
         return ONE
     try:
@@ -80,7 +80,7 @@ def world() -> Any:
 
 
 def n_launched() -> int:
-    """Number of processes that a launcher of MPI has started."""
+    """Number of processes started by an MPI launcher."""
     return max((int(os.environ[name]) for name in SIZES if os.environ.get(name, "").isdigit()), default=1)
 
 
@@ -88,18 +88,18 @@ def n_launched() -> int:
 def together(comm: Any) -> Iterator[None]:
     """Raise the exception of one process on all of them, in a body without collective calls.
 
-    Within another one it does nothing: the outer one does it.
+    Nested in another one it does nothing; the outer one acts.
 
     Parameters
     ----------
     comm : communicator
-        The processes, all of which come here.
+        The processes, all of which must call this.
 
     Raises
     ------
     Exception
-        What the process of lowest rank that failed has raised, with its words: on that process itself, and on all
-        others as well, where one that cannot be sent is a RuntimeError.
+        The exception of the failed process of lowest rank, with its message, on all processes. On the others an
+        exception that cannot be sent becomes a RuntimeError.
 
     Examples
     --------
@@ -130,7 +130,7 @@ _INSIDE: ContextVar[bool] = ContextVar("inside together", default=False)
 
 
 def _first_that(comm: Any, is_so: bool) -> int:
-    """Lowest rank of which something is true; the number of processes where it is true of none."""
+    """Lowest rank for which something is true; the number of processes if there is none."""
     import numpy as np
 
     flags = np.zeros(comm.size, dtype=np.int8)
@@ -140,7 +140,7 @@ def _first_that(comm: Any, is_so: bool) -> int:
 
 
 def _packed(failure: Exception | None) -> bytes:
-    """An exception as bytes; a RuntimeError with its words where it cannot be unpacked elsewhere."""
+    """An exception as bytes; a RuntimeError with its message if it cannot be unpacked elsewhere."""
     try:
         packed = pickle.dumps(failure)
         pickle.loads(packed)
@@ -155,14 +155,14 @@ def summed(comm: Any, array: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     comm : communicator
-        The processes, all of which come here.
+        The processes, all of which must call this.
     array : ndarray
-        Of the same shape on all of them.
+        Array of the same shape on all of them.
 
     Returns
     -------
     ndarray
-        The sum; the array itself where there is one process.
+        The sum; the array itself if there is one process.
 
     Examples
     --------
@@ -182,15 +182,15 @@ def summed(comm: Any, array: np.ndarray) -> np.ndarray:
 
 
 def summed_number(comm: Any, number: float) -> float:
-    """Sum of a number of every process, on every one of them: the same bits everywhere."""
+    """Sum of one number per process, on all processes with the same bits."""
     return number if comm.size == 1 else comm.allreduce(number)
 
 
 def gathered(
     comm: Any,  # communicator, the processes
-    array: np.ndarray,  # (n, ...), n may differ between them
+    array: np.ndarray,  # (n, ...), n may differ between processes
 ) -> np.ndarray:  # (sum of n, ...)
-    """Rows of the arrays of all processes one after another, on every one of them."""
+    """Concatenated rows of the arrays of all processes, on all processes."""
     import numpy as np
 
     return np.concatenate(from_all(comm, array))
@@ -202,14 +202,14 @@ def from_all(comm: Any, item: Any) -> list:
     Parameters
     ----------
     comm : communicator
-        The processes, all of which come here.
+        The processes, all of which must call this.
     item : object
-        Of this process; it is pickled.
+        Value of this process; it is pickled.
 
     Returns
     -------
     list
-        One item of each.
+        One value per process.
 
     Examples
     --------
@@ -222,19 +222,19 @@ def from_all(comm: Any, item: Any) -> list:
 
 
 def from_first(comm: Any, value: Any) -> Any:
-    """What the first process has, on all of them."""
+    """The first process's value, on all processes."""
     return value if comm.size == 1 else comm.bcast(value, root=0)
 
 
 def node_of(comm: Any) -> Any:
-    """Communicator of the processes that share memory with this one, of several; whoever asks frees it."""
+    """Communicator of the processes that share memory with this one; the caller frees it."""
     from mpi4py import MPI
 
     return comm.Split_type(MPI.COMM_TYPE_SHARED)
 
 
 def norm(array: np.ndarray, comm: Any = ONE) -> float:
-    """Euclidean norm of an array whose rows several processes hold; the same bits on all of them."""
+    """Euclidean norm of an array distributed by rows; the same bits on all processes."""
     import numpy as np
 
     if comm.size == 1:
@@ -243,12 +243,12 @@ def norm(array: np.ndarray, comm: Any = ONE) -> float:
 
 
 def largest(comm: Any, value: float) -> float:
-    """Largest of the numbers of all processes, on every one of them."""
+    """Largest number over all processes, on all processes."""
     return float(value) if comm.size == 1 else float(max(comm.allgather(float(value))))
 
 
 def on_first(comm: Any, task: Callable[[], Any]) -> Any:
-    """Result of a task that the first process does for all; what it raises, all raise."""
+    """Result of a task that the first process does for all; all raise what it raises."""
     if comm.size == 1:
         return task()
     result = None

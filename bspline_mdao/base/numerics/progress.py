@@ -1,16 +1,16 @@
-"""Progress of long work on a terminal: what is being done, how far it is, and how long it may still take.
+"""Progress of long work on a terminal: the current step, the fraction done, and the remaining time.
 
-Work reports its progress to a `progress_bar`, and knows nothing of who shows it::
+Work reports its progress to a `progress_bar`, and does not know how it is shown::
 
     with progress_bar("moving", progress) as report:
         for i in range(n):
             ...
             report((i + 1) / n, f"increment {i + 1} of {n}")
 
-A bar is drawn by rich on standard error, where that is a terminal, in the first process; it comes when the work has
-taken a moment, and leaves nothing behind. While numba compiles, which it does once on a machine, it says so. Work
-inside other work moves the bar of that one: there is never more than one. Elsewhere (a file, a notebook, a test,
-continuous integration) nothing is drawn; a program may have one line say that numba compiles.
+The bar is drawn by rich on standard error, if that is a terminal, in the first process; it appears once the work has
+taken a moment, and disappears afterwards. While numba compiles, which it does once on a machine, the bar says so.
+Nested work moves the bar of the outer work: there is never more than one. Elsewhere (a file, a notebook, a test,
+continuous integration) nothing is drawn; a program may print one line when numba compiles.
 """
 
 from __future__ import annotations
@@ -38,23 +38,23 @@ __all__ = [
 ]
 
 Progress = Callable[[float, str], None]
-"""What is told the fraction done, from 0 to 1, or less than 0 where it is not known, and what is being done."""
+"""Receives the fraction done, from 0 to 1, or less than 0 if unknown, and the current step."""
 
 SWITCH = "BSPLINE_MDAO_PROGRESS"
-"""Environment variable that turns bars and lines off (``0``), or bars on wherever there is a terminal (``1``, also
-where ``CI`` is)."""
+"""Environment variable that turns bars and lines off (``0``), or bars on for any terminal (``1``, also if ``CI`` is
+set)."""
 
 COMPILING = "compiling, once"
-"""Shown while numba compiles kernels, which it does when they are first needed on a machine."""
+"""Shown while numba compiles kernels, which happens when they are first needed on a machine."""
 
 DELAY = 0.7
-"""Seconds that work has taken before its bar is drawn: what is done at once needs none."""
+"""Seconds after which the bar of work is drawn: short work needs none."""
 
 _active: list[_Bar] = []
-"""The bar that is there, if there is one."""
+"""The current bar, if there is one."""
 
 _say: list[Callable[[str], None]] = []
-"""Who prints one line when numba compiles where no bar is, until that has happened."""
+"""Function that prints one line when numba first compiles without a bar."""
 
 
 def show_progress(wanted: bool = True) -> None:
@@ -63,7 +63,7 @@ def show_progress(wanted: bool = True) -> None:
     Parameters
     ----------
     wanted : bool
-        Whether there are bars, on a terminal; elsewhere there are none in any case.
+        Whether to show bars on a terminal; elsewhere there are never any.
 
     Examples
     --------
@@ -75,11 +75,11 @@ def show_progress(wanted: bool = True) -> None:
 
 @contextmanager
 def progress_bar(
-    title: str = "",  # what the work is, in a word or two; empty where the work inside says it
-    # who is told instead of a bar; False for nobody. By default there is a bar where a terminal is
+    title: str = "",  # the work in a word or two; empty if nested work says it
+    # receiver instead of a bar; False for none. By default a bar on a terminal
     progress: Progress | bool | None = None,
-) -> Iterator[Progress]:  # to be told the fraction done (less than 0 where it is not known), and what is being done
-    """Show how far work has come, while it is done.
+) -> Iterator[Progress]:  # takes the fraction done (less than 0 if unknown), and the current step
+    """Show the progress of work while it is done.
 
     Examples
     --------
@@ -111,12 +111,12 @@ def progress_bar(
 
 @contextmanager
 def within(start: float, stop: float) -> Iterator[None]:
-    """Let work inside move the bar that is there from one fraction to another."""
+    """Let nested work move the current bar from one fraction to another."""
     if not _active:
         yield
         return
     bar, before = _active[-1], _active[-1].window
-    bar.window, bar.what = (start, stop), ""  # the work inside says what is done
+    bar.window, bar.what = (start, stop), ""  # the nested work says what is done
     try:
         yield
     finally:
@@ -124,7 +124,7 @@ def within(start: float, stop: float) -> Iterator[None]:
 
 
 def is_terminal() -> bool:
-    """Tell whether a bar can be drawn: on a terminal, by the first process, and not in continuous integration."""
+    """Whether a bar can be drawn: on a terminal, by the first process, and not in continuous integration."""
     wanted = os.environ.get(SWITCH, "")
     if wanted == "0" or not getattr(sys.stderr, "isatty", lambda: False)():
         return False
@@ -132,7 +132,7 @@ def is_terminal() -> bool:
 
 
 def say_compilation(say: Callable[[str], None] | None) -> None:
-    """Have one line say that numba compiles, where no bar can; none for ``None``, or where `SWITCH` is off."""
+    """Print one line when numba compiles without a bar; none for ``None``, or if `SWITCH` is off."""
     _say[:] = [] if say is None or os.environ.get(SWITCH) == "0" else [say]
 
 
@@ -143,11 +143,11 @@ def _say_once(change: int) -> None:
 
 
 def no_progress(fraction: float, what: str) -> None:
-    """Tell nobody."""
+    """Report to nobody."""
 
 
 class _Bar:
-    """A bar that is drawn when the work has taken a moment."""
+    """A bar that is drawn once the work has taken a moment."""
 
     def __init__(self, title: str):
         self.title, self.what, self.fraction = title, "", -1.0
@@ -162,7 +162,7 @@ class _Bar:
         self._draw(what)
 
     def inner(self, title: str) -> Progress:
-        """What work inside is to tell: it says what it does, and moves the bar as far as `within` allows."""
+        """Receiver for nested work, which names its step and moves the bar as far as `within` allows."""
         outer = self.what
 
         def report(fraction: float, what: str) -> None:
@@ -174,14 +174,14 @@ class _Bar:
         return report
 
     def compiling(self, change: int) -> None:
-        """Say that a kernel is compiled, one that calls others those in between, until the outermost is ready."""
+        """Say that a kernel is being compiled, including the kernels it calls, until the outermost is ready."""
         self.n_compiling += change
         if self.n_compiling and self.display is None:
             self._open()
         self._draw(self.what)
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self.display is not None:
             self.display.stop()
 
@@ -210,7 +210,7 @@ class _Bar:
 
 
 def _noticed_compilation(notice: Callable[[int], None]) -> AbstractContextManager[None]:
-    """Tell of compilation meanwhile; numba is imported only now: the help of commands does without."""
+    """Report compilation meanwhile; numba is imported only now: the commands' help does not need it."""
     from .stopwatch import compilation_noticed
 
     return compilation_noticed(notice)

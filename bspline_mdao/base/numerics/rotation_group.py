@@ -1,18 +1,18 @@
-"""The group of rotations in space: the one nearest to a matrix, rotations as vectors, and their derivatives.
+"""The group of rotations in space: the rotation nearest to a matrix, rotations as vectors, and their derivatives.
 
 *Nearest to a matrix.* The orthogonal factor R of the polar decomposition M = R S. With w the rotation vector of a
 change, dR = R [w]x, the equation M = R S gives (tr(S) I - S) w = the axial vector of R^T dM - dM^T R: a symmetric
-system of three, and the map from dM to dR is its own transpose. Kernels find it by Newton's iteration where there is
-one that is smooth; `nearest_to_any` by the largest eigenvector of Davenport's matrix, whatever the determinant.
+system of three, and the map from dM to dR is its own transpose. Kernels find it by Newton's iteration where it is
+smooth; `nearest_to_any` finds it by the largest eigenvector of Davenport's matrix, whatever the determinant.
 
-*As vectors.* w turns about its own direction by its length, with no bound on the angle but a full turn. With W = [w]x,
-t = w . w and the angle theta = sqrt(t), Rodrigues' formula and the inverse of its derivative are
+*As vectors.* w rotates about its own direction by its length, for any angle below a full turn. With W = [w]x, t = w . w
+and the angle theta = sqrt(t), Rodrigues' formula and the inverse of its derivative are
 
     R = exp(W) = I + a W + b W^2,        a = sin(theta) / theta,  b = (1 - cos(theta)) / t,
     dw = (I + W / 2 + c W^2) q  for  dR = R [q]x,        c = (1 - theta / 2 cot(theta / 2)) / t.
 
-All of a, b, c are smooth functions of t, series where t is small. The vector of a rotation is determined up to whole
-turns about its direction; along a surface it is continued, so that neighbours differ by less than half a turn.
+All of a, b, c are smooth functions of t, computed as series for small t. The vector of a rotation is determined up to
+whole turns about its direction; along a surface it is continued, so that neighbours differ by less than half a turn.
 
 N. J. Higham, "Computing the polar decomposition - with applications", SIAM Journal on Scientific and Statistical
 Computing 7(4), 1986, pp. 1160-1174. P. B. Davenport, "A vector approach to the algebra of rotations with
@@ -43,10 +43,10 @@ __all__ = [
 ]
 
 NO_ROTATION = 1e-14
-"""Angles below this are rounding: what is at rest does not turn."""
+"""Angles below this are rounding error: points at rest do not rotate."""
 
 SERIES_BELOW = 0.25
-"""Squares of angles below which series are summed; their last terms are below the unit round-off there."""
+"""Squared angles below which series are summed; their last terms are then below the unit round-off."""
 
 _A = np.array([(-1.0) ** k / factorial(2 * k + 1) for k in range(10)])
 _B = np.array([(-1.0) ** k / factorial(2 * k + 2) for k in range(10)])
@@ -55,15 +55,15 @@ _C = 1.0 / np.array([12.0, 720.0, 30240.0, 1209600.0, 47900160.0, 1307674368000.
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def nearest_rotations(matrices, stiffness, is_fine, piece):
-    """Put the nearest rotation in the place of every matrix, and ``tr(S) I - S`` beside it."""
-    # M + cof(M) / norm(M) has the same rotation: both factors of cof(M) = R cof(S) belong to those of M. But it has
-    # full rank where all edges lie in a plane, and a positive determinant somewhat beyond. Newton's iteration X <- (X +
-    # X^-T) / 2 then converges to the rotation, in the end quadratically (Higham 1986), for complex parts a step later.
+    """Replace every matrix by the nearest rotation, and compute ``tr(S) I - S``."""
+    # M + cof(M) / norm(M) has the same rotation: cof(M) = R cof(S) has the same factor R. But it has full rank if all
+    # edges lie in a plane, and a positive determinant somewhat beyond. Newton's iteration X <- (X + X^-T) / 2 then
+    # converges to the rotation, finally quadratically (Higham 1986), for complex parts a step later.
     #
     # 1. Start from M + cof(M) / norm(M), divided by norm(M).
-    # 2. Take the cofactors of X, which are det(X) X^-T. Where the determinant is not positive, there is no rotation.
+    # 2. Take the cofactors of X, which are det(X) X^-T. If the determinant is not positive, there is no rotation.
     # 3. Scale X so that it and X^-T are of the same size (the scaling in the Frobenius norm of Higham 1986).
-    # 4. Replace X by the mean of both. After a step of less than 1e-5 one more is exact to round-off.
+    # 4. Replace X by the mean of both. After a step below 1e-5 one more is exact to round-off.
     r, c = np.empty_like(matrices[0]), np.empty_like(matrices[0])
     for i in range(piece[0], piece[1]):
         m = matrices[i]
@@ -78,7 +78,7 @@ def nearest_rotations(matrices, stiffness, is_fine, piece):
             det = cofactors(r, c)  # step 2
             if not det.real > 1e-12:  # of a matrix of size 1: round-off decides its sign
                 break
-            # step 3: while they differ much; near the end the scale would only add round-off
+            # step 3: while they differ much; near the end scaling would only add round-off
             scale = np.sqrt(np.sqrt(_size_square(c) / (det * det * _size_square(r))))
             if abs(scale.real - 1.0) < 1e-2:
                 scale = 1.0
@@ -99,7 +99,7 @@ def nearest_rotations(matrices, stiffness, is_fine, piece):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def rotation_changes(matrices, stiffness, change, piece):
-    """Turn changes of M into changes of R, or derivatives with respect to R into those with respect to M, in place."""
+    """Convert changes of M to changes of R, or derivatives with respect to R to derivatives by M, in place."""
     c = np.empty_like(stiffness[0])
     for i in range(piece[0], piece[1]):
         w = _solve(stiffness[i], c, _axial_part(matrices[i], change[i]))
@@ -209,10 +209,10 @@ def unwrapped(
     neighbours: np.ndarray,
 ) -> np.ndarray:
     """Vectors, shape (n, 3), of rotation matrices, shape (n, 3, 3), continued from each point to its neighbours."""
-    # 1. Take the vector of at most half a turn of every point, by way of its quaternion.
-    # 2. Start at the point that turns least, of all points that are joined with it.
-    # 3. Go on from neighbour to neighbour, the nearest first, and take the whole turns that bring each vector next to
-    #    that of the point that it is reached from.
+    # 1. Take the vector of at most half a turn of every point, from its quaternion.
+    # 2. In each connected set of points, start at the one that rotates least.
+    # 3. Continue from neighbour to neighbour, nearest first, with the whole turns that bring each vector next to the
+    #    vector of the point from which it is reached.
     directions, angles = _directions_and_angles(matrices)  # step 1
     wholes = _whole_turns(directions, angles, np.argsort(angles, kind="stable"), starts, neighbours)
     return directions * (angles + 2.0 * np.pi * wholes)[:, None]
@@ -230,7 +230,7 @@ def vectors_vjp(vectors: np.ndarray, matrices: np.ndarray, bar: np.ndarray) -> n
 
 
 def nearest_to_any(matrices: np.ndarray) -> np.ndarray:
-    """The rotation nearest to matrices, shape (n, 3, 3), of any determinant."""
+    """The rotations nearest to matrices, shape (n, 3, 3), of any determinant."""
     q = np.linalg.eigh(_attitudes(matrices))[1][:, :, -1]
     w = _crossing(q[:, 1:])
     return np.eye(3) + 2.0 * (q[:, :1, None] * w + w @ w)
@@ -278,8 +278,8 @@ def _axial(matrices: np.ndarray) -> np.ndarray:
 
 
 def _directions_and_angles(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors, or zero where nothing turns, and angles up to half a turn."""
-    products = _attitudes(matrices) + np.eye(4)  # four times those of the components of the quaternion
+    """Unit vectors, or zero without rotation, and angles up to half a turn."""
+    products = _attitudes(matrices) + np.eye(4)  # four times the products of the quaternion's components
     largest = np.argmax(np.einsum("nii->ni", products), axis=1)
     quaternions = products[np.arange(len(products)), largest]
     quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]

@@ -1,7 +1,7 @@
 """Copies and differences of rows of arrays in kernels, number by number.
 
-Numba compiles ``out[:] = row`` and ``out -= row`` for arrays of any shapes, with the message of shapes that do not fit:
-in a third of a second each for rows, and in seconds for arrays of more directions.
+Numba compiles ``out[:] = row`` and ``out -= row`` for arrays of any shape, including the error for mismatched shapes,
+which takes a third of a second each for rows, and seconds for arrays of more dimensions.
 """
 
 from __future__ import annotations

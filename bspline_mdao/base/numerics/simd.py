@@ -1,10 +1,10 @@
-"""A small vocabulary to emit vector instructions, the SIMD lanes being nodes.
+"""A small vocabulary to emit vector instructions, with nodes as SIMD lanes.
 
-For the intrinsics of `bspline_mdao.core.evaluation.simd_contraction`. LLVM does not turn the contraction of a sub-net
-into vector code by itself: the loop over the nodes is not the innermost one, and unrolled by hand it carries more
-pointers than its aliasing checks allow. So the body is emitted with vectors of nodes as the values. Multiplications and
-additions are marked as contractible and become fused multiply-adds where the machine has them; nothing else about the
-arithmetic is left to the compiler.
+For the intrinsics of `bspline_mdao.core.evaluation.simd_contraction`. LLVM does not vectorize the contraction of a
+sub-net: the loop over the nodes is not the innermost one, and unrolled by hand it has more pointers than its aliasing
+checks allow. So the body is emitted with vectors of nodes as values. Multiplications and additions are marked as
+contractible and become fused multiply-adds if the machine has them; the compiler decides nothing else about the
+arithmetic.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from numba.core import cgutils, config
 
 
 def _is_wide() -> bool:
-    """Whether the processor that is compiled for has registers of 512 bits."""
+    """Whether the target processor has 512-bit registers."""
     chosen = config.CPU_FEATURES
     return "+avx512f" in chosen if chosen else bool(llvmlite.binding.get_host_cpu_features().get("avx512f"))
 
 
 LANES = 8 if _is_wide() else 4
-"""Nodes per vector: the width of the machine's registers, or two of them where they are narrow."""
+"""Nodes per vector: the width of a machine register, or of two narrow ones."""
 
 INT = ir.IntType(64)
 LANE = ir.DoubleType()
@@ -37,7 +37,7 @@ _CONTRACT = ("contract",)
 
 
 def constant(value: int) -> ir.Constant:
-    """Integer constant of the width of an array index."""
+    """Integer constant with the width of an array index."""
     return ir.Constant(INT, value)
 
 
@@ -48,7 +48,7 @@ class Emitter:
         self.builder = builder
 
     def load(self, base: ir.Value, offset: ir.Value, width: int = LANES) -> ir.Value:
-        """Load the vector of ``width`` elements that starts at element ``offset``, of any alignment."""
+        """Load the vector of ``width`` elements starting at element ``offset``, with any alignment."""
         return self.builder.load(self._vector_pointer(base, offset, width), align=8)
 
     def load_singles(self, base: ir.Value, offset: ir.Value) -> ir.Value:
@@ -94,7 +94,7 @@ class Emitter:
         return self.builder.icmp_signed("<", ir.Constant(numbers, list(range(LANES))), limit)
 
     def prefetch(self, base: ir.Value, offset: ir.Value) -> None:
-        """Ask for the cache line of element ``offset``, which may lie beyond the end."""
+        """Prefetch the cache line of element ``offset``, which may lie beyond the end."""
         byte = ir.IntType(8).as_pointer()
         pointer = self.builder.bitcast(self.builder.gep(base, [offset]), byte)
         kind = ir.FunctionType(ir.VoidType(), [byte, _INDEX, _INDEX, _INDEX])
@@ -113,9 +113,8 @@ class Emitter:
         return products if total is None else [self.add(t, product) for t, product in zip(total, products)]
 
     def lane_sums(self, vectors: list) -> list:
-        """Sum every vector over its lanes; the sums come back as the lanes of as few vectors as hold them."""
-        # Pairs are folded into one vector of half sums, as often as it takes: a third of the work of folding each by
-        # itself.
+        """Sum every vector over its lanes; the sums are returned as the lanes of as few vectors as possible."""
+        # Pairs are repeatedly folded into one vector of half sums: a third of the work of folding each separately.
         vectors = vectors + [ZERO] * (-len(vectors) % LANES)
         width = 1
         while width < LANES:
@@ -132,7 +131,7 @@ class Emitter:
         return cgutils.alloca_once(self.builder, VECTOR)
 
     def _fold(self, u: ir.Value, v: ir.Value, width: int) -> ir.Value:
-        """Add neighbouring groups of ``width`` lanes: those of ``u`` end up in the even groups, those of ``v`` odd."""
+        """Add neighbouring groups of ``width`` lanes: sums of ``u`` go to the even groups, sums of ``v`` to the odd."""
         groups = range(0, LANES, 2 * width)
         low = [at + i for g in groups for at in (g, LANES + g) for i in range(width)]
         return self.add(self.shuffle(u, v, low), self.shuffle(u, v, [i + width for i in low]))
@@ -146,7 +145,7 @@ class Emitter:
 
 
 def check_emission() -> None:
-    """Emit a function with the instructions of `Emitter` and let LLVM verify it; raises where their API has moved."""
+    """Emit a function with the instructions of `Emitter` and let LLVM verify it; raises if their API has changed."""
     module, number = ir.Module(), LANE.as_pointer()
     kind = ir.FunctionType(ir.VoidType(), [number, ir.FloatType().as_pointer(), INT])
     function = ir.Function(module, kind, "trial")

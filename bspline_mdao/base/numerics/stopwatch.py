@@ -1,4 +1,4 @@
-"""A clock that stands still while numba compiles, which it does once on a machine: it shows what work takes."""
+"""A clock that stops while numba compiles, which it does once on a machine, so it shows the time of the work."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from numba.core import event
 __all__ = ["compilation_noticed", "working_seconds"]
 
 COMPILES = "numba:compile"
-"""Numba's event of a kernel that is compiled; kernels that come from the cache have none."""
+"""Numba's event for compiling a kernel; kernels from the cache have none."""
 
 
 class _Listener(event.Listener):
-    """Tells when the compilation of a kernel begins (1) and ends (-1), those that it calls in between."""
+    """Reports when the compilation of a kernel begins (1) and ends (-1), with the kernels it calls in between."""
 
     def __init__(self, notice: Callable[[int], None]):
         self.notice = notice
@@ -54,8 +54,8 @@ def working_seconds() -> float:
 
 @contextmanager
 def compilation_noticed(
-    notice: Callable[[int], None],  # told 1 where the compilation of a kernel begins, and -1 where it ends
+    notice: Callable[[int], None],  # called with 1 when the compilation of a kernel begins, and with -1 when it ends
 ) -> Iterator[None]:
-    """Tell of compilation meanwhile."""
+    """Report compilation meanwhile."""
     with event.install_listener(COMPILES, _Listener(notice)):
         yield

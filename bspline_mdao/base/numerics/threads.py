@@ -1,8 +1,8 @@
 """Kernels on several threads.
 
-Plain Python threads drive kernels that release the interpreter lock. numba's own ``parallel=True`` is left alone: its
-one layer that needs nothing beyond numba itself ends the process when two threads of the user's call it at a time, and
-the OpenMP layer ends it after a fork.
+Plain Python threads drive kernels that release the interpreter lock. numba's own ``parallel=True`` is not used: its
+only layer without further dependencies ends the process when two user threads call it at the same time, and the OpenMP
+layer ends it after a fork.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def thread_count(n_threads: int | None) -> int:
 
 
 class Crew:
-    """Threads that stay for several rounds of tasks; a context. The caller's thread is one of them."""
+    """Threads kept for several rounds of tasks; a context. The caller's thread is one of them."""
 
     def __init__(self, n_threads: int):
         self._n_others = n_threads - 1
@@ -59,10 +59,10 @@ class Crew:
         others = [] if self._pool is None else [self._pool.submit(work) for _ in range(n_others)]
         try:
             work()
-        except BaseException:  # an interrupt from the keyboard, which is not to wait until all is done
+        except BaseException:  # a keyboard interrupt, which must not wait until everything is done
             is_over.set()
             raise
-        finally:  # those that have not begun would find nothing to do, and may be behind others that wait for them
+        finally:  # tasks not yet begun would find nothing to do, and may be queued behind others that wait for them
             begun = [other for other in others if not other.cancel()]
             wait(begun)
         for other in begun:
@@ -71,7 +71,8 @@ class Crew:
 
 def run_tasks(task: Callable[[Item], Result], items: Sequence[Item], n_threads: int) -> list[Result]:
     """Results of ``task(item)`` for every item, in order, on up to ``n_threads`` threads; see `Crew.run`."""
-    # The threads stay for the next call: to start one takes as long as a product with a matrix of some thousand rows.
+    # The threads are kept for the next call: starting one takes as long as a product with a matrix of some thousand
+    # rows.
     n_threads = min(n_threads, len(items))
     if n_threads < 2:
         return list(map(task, items))
@@ -80,20 +81,20 @@ def run_tasks(task: Callable[[Item], Result], items: Sequence[Item], n_threads: 
     def run(number: int) -> None:
         results[number] = task(items[number])
 
-    _crew(n_threads, os.getpid()).run(run, len(items))  # threads do not come along into a forked process
+    _crew(n_threads, os.getpid()).run(run, len(items))  # threads are not copied into a forked process
     return results
 
 
 @cache
 def _crew(n_threads: int, process: int) -> Crew:
-    """Threads of a process that stay."""
+    """The kept threads of a process."""
     return Crew(n_threads)
 
 
 def map_tasks(
     task: Callable,  # callable, must not depend on the order of the calls
-    items: Sequence,  # what it is called with
-    n_threads: int,  # number of threads; with one, the caller's does it all
+    items: Sequence,  # its arguments
+    n_threads: int,  # number of threads; with one, the caller's does everything
 ) -> Iterator:
     """Yield ``task(item)`` of every item, in order; up to ``n_threads`` threads work ahead."""
     if min(n_threads, len(items)) < 2:
@@ -104,19 +105,19 @@ def map_tasks(
         try:
             for future in futures:
                 yield future.result()
-        finally:  # after an error or an interrupt from the keyboard nothing new is begun
+        finally:  # after an error or a keyboard interrupt nothing new is begun
             for future in futures:
                 future.cancel()
 
 
 class _BlasLimit:
-    """Context in which BLAS uses one thread, however many threads of the user's are inside at a time."""
+    """Context in which BLAS uses one thread, however many user threads are inside at a time."""
 
-    # The limit is the process's: the first one in sets it, the last one out restores what was. Were each to restore
-    # what it found, one that leaves would take the limit from those still inside, whose sums would then be split
-    # otherwise. threadpoolctl lets only the thread change a limit that changed it first, as long as that thread lives;
-    # so it is done in threads that end at once. A limit that the user holds stays; where it is one thread, as
-    # workers of tests have it, nothing is to be done, and no thread is started.
+    # The limit is per process: the first thread in sets it, and the last one out restores the old value. If each
+    # restored what it found, a thread that leaves would remove the limit from threads still inside, whose sums would
+    # then be split differently. threadpoolctl lets only the thread that first changed a limit change it again, as long
+    # as that thread lives, so it is done in threads that end at once. A limit set by the user stays; if it is one
+    # thread, as in test workers, there is nothing to do, and no thread is started.
 
     def __init__(self) -> None:
         self._lock, self._n_inside = threading.Lock(), 0
@@ -141,11 +142,11 @@ one_blas_thread = _BlasLimit()
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """Libraries of BLAS; looking for them takes a millisecond, as long as a small solution."""
+    """BLAS libraries; finding them takes a millisecond, as long as a small solution."""
     return ThreadpoolController().select(user_api="blas")
 
 
 def _in_a_thread(task: Callable) -> Any:
-    """Return what a function gives, or raise what it raises, called in a thread that has ended afterwards."""
+    """Call a function in a thread that ends afterwards; return its result, or raise what it raises."""
     with ThreadPoolExecutor(1) as pool:
         return pool.submit(task).result()

@@ -1,6 +1,6 @@
-"""Transfinite (Coons) interpolation of the inside of an index space from its boundary, as weights.
+"""Transfinite (Coons) interpolation of the interior of an index space from its boundary, as weights.
 
-With ``P_d`` the linear interpolation between the two ends of direction d, the inside is the Boolean sum
+With ``P_d`` the linear interpolation between the two ends of direction d, the interior is the Boolean sum
 ``I - (I - P_0) (I - P_1) (I - P_2)``, that is ``P_0 + P_1 - P_0 P_1`` on a face, and so on.
 
 References
@@ -22,13 +22,13 @@ __all__ = ["boolean_sum", "inner_of"]
 
 
 def inner_of(shape: Sequence[int]) -> tuple[slice, ...]:
-    """Slices of the inner points of an index space; the whole of a direction of one point, which has no ends."""
+    """Slices of the inner points of an index space; all of a direction with one point, which has no ends."""
     return tuple(slice(1, -1) if n > 1 else slice(None) for n in shape)
 
 
 def boolean_sum(
-    places: np.ndarray,  # (N0, N1, N2, 3), where each point stands between the two ends of every direction, from 0 to 1
-    chosen: np.ndarray | None = None,  # int (n,), which of the inner points, numbered in C order; all by default
+    places: np.ndarray,  # (N0, N1, N2, 3), position of each point between the two ends of every direction, from 0 to 1
+    chosen: np.ndarray | None = None,  # int (n,), inner points, numbered in C order; all by default
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weights with which inner points follow points of the boundary.
 
@@ -40,9 +40,9 @@ def boolean_sum(
     >>> columns.tolist(), values.tolist()
     ([[0], [2]], [[0.75], [0.25]])
     """
-    # returns columns int (n_terms, n): numbers, in C order, of the boundary points that each inner point follows: for
-    # every set of directions in which to go to the ends (one, two, then three of them) one for every choice of ends.
-    # Directions of one point take no part; where there are no others, there are no terms
+    # returns columns int (n_terms, n): numbers, in C order, of the boundary points followed by each inner point: for
+    # every set of one, two, then three directions, one for every choice of their ends. Directions with one point are
+    # ignored; if there are no others, there are no terms
     # returns values (n_terms, n): weights of these points
     shape = places.shape[:3]
     inner, free = inner_of(shape), [d for d in range(3) if shape[d] > 1]

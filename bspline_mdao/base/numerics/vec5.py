@@ -1,8 +1,8 @@
 """Vectors of five numbers of single precision, as values in kernels: states and rows of 5 x 5 blocks.
 
-LLVM does not find vector code for blocks of five by itself. Here they are the first five of eight lanes; the others are
-zero when they are loaded, but for those of halves, and not stored. Products and sums are marked as contractible and
-become fused where the machine has such instructions.
+LLVM does not vectorize blocks of five. Here they are the first five of eight lanes; the others are zero after loading,
+except for halves, and are not stored. Products and sums are marked as contractible and become fused if the machine has
+such instructions.
 """
 
 from __future__ import annotations
@@ -98,15 +98,15 @@ def load(typingctx, array, offset):
 
 
 def zero_halves(shape: tuple[int, ...]) -> np.ndarray:
-    """Zeros as numbers of 16 bits, the first half of single precision (bfloat16), in an array of uint16."""
-    # There is room behind it for `load_halves`.
+    """Zeros as 16-bit numbers, the upper half of single precision (bfloat16), in an array of uint16."""
+    # It is padded for `load_halves`.
     size = math.prod(shape)
     return np.zeros(size + LANES, np.uint16)[:size].reshape(shape)
 
 
 @intrinsic
 def load_halves(typingctx, array, offset):
-    """Five numbers from an offset into an array of `zero_halves`; other lanes hold those that follow there."""
+    """Five numbers from an offset into an array of `zero_halves`; the other lanes contain the numbers that follow."""
     if not (isinstance(array, types.Array) and array.dtype == types.uint16 and array.layout == "C"):
         return None
 
@@ -138,7 +138,7 @@ def store_halves(typingctx, array, offset, vector):
         rounded = builder.lshr(builder.add(builder.add(bits, all_lanes(0x7FFF)), odd), all_lanes(16))
         halves, first = builder.trunc(rounded, _HALVES), ir.VectorType(ir.IntType(16), 4)
         four = builder.shuffle_vector(halves, halves, ir.Constant(ir.VectorType(_INT, 4), [0, 1, 2, 3]))
-        builder.store(four, builder.bitcast(at, first.as_pointer()), align=2)  # what follows is of others
+        builder.store(four, builder.bitcast(at, first.as_pointer()), align=2)  # the rest belongs to others
         last = builder.extract_element(halves, ir.Constant(_INT, 4))
         builder.store(last, builder.gep(at, [ir.Constant(_INT, 4)]), align=2)
         return context.get_dummy_value()
@@ -148,7 +148,7 @@ def store_halves(typingctx, array, offset, vector):
 
 @intrinsic
 def prefetch(typingctx, array, offset):
-    """Ask for the numbers at an offset into the data of an array, which may lie beyond its end."""
+    """Prefetch the numbers at an offset into the data of an array, which may lie beyond its end."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         at = _pointer(context, builder, array, args[0], args[1])
@@ -319,7 +319,7 @@ def load_half_block(blocks, at):
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def store_block(blocks, at, rows):
-    """Write the rows of a block from an offset into the data of an array on."""
+    """Write the rows of a block into the data of an array, starting at an offset."""
     store(blocks, at, rows[0])
     store(blocks, at + 5, rows[1])
     store(blocks, at + 10, rows[2])
@@ -329,7 +329,7 @@ def store_block(blocks, at, rows):
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def store_half_block(blocks, at, rows):
-    """Write the rows of a block of halves from an offset into the data of an array on."""
+    """Write the rows of a block of halves into the data of an array, starting at an offset."""
     store_halves(blocks, at, rows[0])
     store_halves(blocks, at + 5, rows[1])
     store_halves(blocks, at + 10, rows[2])
@@ -339,7 +339,7 @@ def store_half_block(blocks, at, rows):
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def less_product(block, left, right):
-    """Rows of a block less the product of two others."""
+    """Rows of a block minus the product of two others."""
     return (
         subtract_combined(block[0], left[0], right),
         subtract_combined(block[1], left[1], right),

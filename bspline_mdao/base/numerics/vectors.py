@@ -1,6 +1,6 @@
-"""Vectors of space and of the plane, for kernels and for arrays, and planes through points.
+"""Vectors in space and in the plane, for kernels and for arrays, and planes through points.
 
-In kernels whose loops are to become SIMD instructions a vector is a tuple of three numbers: no array, no allocation
+In kernels whose loops should become SIMD instructions a vector is a tuple of three numbers: no array, no allocation
 (`row` to `add_to`). In NumPy it is a row of an array (`lengths` to `cross_2d`). The numbers are real or complex;
 nothing is conjugated.
 """
@@ -11,10 +11,10 @@ import numpy as np
 from numba import njit
 
 PLANAR = 1e-5
-"""A patch is planar when its points leave the plane by less than this part of the patch's size."""
+"""A patch is planar if its points are within this fraction of its size from the plane."""
 
 ALIGNED = 1e-5
-"""A normal that leaves a coordinate axis by less than this is that axis."""
+"""A normal that deviates from a coordinate axis by less than this is set to that axis."""
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
@@ -78,7 +78,7 @@ def dots(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def unit_vectors(vectors: np.ndarray, otherwise: np.ndarray, least: float) -> np.ndarray:
-    """Vectors, shape (..., d), of length 1; ``otherwise``, of the same, where they are not longer than ``least``."""
+    """Unit vectors, shape (..., d); ``otherwise``, of the same shape, where they are not longer than ``least``."""
     length = lengths(vectors)[..., None]
     return np.where(length > least, vectors / np.maximum(length, least), otherwise)
 
@@ -89,13 +89,13 @@ def cross_2d(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def is_line(points: np.ndarray) -> bool:
-    """Whether points are in one line, which lies in many planes."""
+    """Whether points are on one line, which lies in many planes."""
     sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return len(sizes) < 2 or sizes[1] <= PLANAR * sizes[0]
 
 
 def nearest_plane(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Plane through points, shape (n, 3): unit normal, distances (n,) of the points, and what is near enough (m)."""
+    """Plane through points, shape (n, 3): unit normal, distances (n,) of the points, and the tolerance (m)."""
     centred = points - points.mean(axis=0)
     _, sizes, directions = np.linalg.svd(centred, full_matrices=len(points) < 3)
     axis = np.argmax(np.abs(directions[2]))

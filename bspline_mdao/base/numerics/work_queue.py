@@ -1,10 +1,9 @@
-"""Chunks of work that threads claim one after another inside a kernel, and wait for each other's by level.
+"""Chunks of work that threads claim one after another inside a kernel, waiting for each other level by level.
 
-Levels of chunks are done one after another. In each level a thread begins with the chunks of its own part, which are
-next to those that it did in the level before, so that what it reads is in its own cache; then it takes those that
-others have left. Whoever claims a chunk works on it as soon as the levels before are done, so that any number of
-threads gets to the end, one that comes late or never included, and each number is computed by the same operations
-whoever does it.
+Levels of chunks are processed one after another. In each level a thread begins with the chunks of its own part,
+adjacent to its chunks in the previous level, so its data are in its own cache; then it takes chunks left by others. A
+thread works on a claimed chunk as soon as the previous levels are done. So any number of threads finishes, even if one
+comes late or never, and each number is computed by the same operations on any thread.
 """
 
 from __future__ import annotations
@@ -23,17 +22,17 @@ from numba.extending import intrinsic
 __all__ = ["claim", "counters", "finish"]
 
 DONE, FIRST = 0, 8
-"""Places of the number of chunks that are done, on a cache line of its own, and of the first chunk's mark."""
+"""Positions of the number of finished chunks, on a cache line of its own, and of the first chunk's mark."""
 
 PATIENCE = 2000
-"""Looks at a counter after which a thread lets others have its core."""
+"""Number of polls of a counter after which a thread yields its core."""
 
 
 def counters(
     n_chunks: int,  # number of the last chunk, plus one
-    n_done: int = 0,  # number of the first one: those before it are done
+    n_done: int = 0,  # number of the first one: earlier ones are done
 ) -> np.ndarray:
-    """Counters of a new piece of work: chunks that are done, and a mark for each that is claimed."""
+    """Counters of a new piece of work: number of finished chunks, and a mark for each claimed one."""
     numbers = np.zeros(FIRST + n_chunks, np.int64)
     numbers[DONE] = n_done
     return numbers
@@ -52,7 +51,7 @@ def _n_done_place(context: BaseContext, builder: ir.IRBuilder, array_type: types
 
 @intrinsic
 def _mark(typingctx, numbers, place):
-    """Mark a chunk as claimed, and return the mark that was there."""
+    """Mark a chunk as claimed, and return the previous mark."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         one = ir.Constant(ir.IntType(64), 1)
@@ -63,7 +62,7 @@ def _mark(typingctx, numbers, place):
 
 @intrinsic
 def _n_done(typingctx, numbers):
-    """Number of chunks that are done, with all that was written in them."""
+    """Number of finished chunks, whose results are visible."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         return builder.load_atomic(_n_done_place(context, builder, numbers, args[0]), "acquire", 8)
@@ -73,7 +72,7 @@ def _n_done(typingctx, numbers):
 
 @intrinsic
 def finish(typingctx, numbers):
-    """Say that a chunk is done."""
+    """Report that a chunk is finished."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         one = ir.Constant(ir.IntType(64), 1)
@@ -85,7 +84,7 @@ def finish(typingctx, numbers):
 
 @intrinsic
 def _let_others_run(typingctx):
-    """Offer the core to other threads, where the system knows such a call."""
+    """Yield the core to other threads, if the system supports it."""
 
     def emit(context: BaseContext, builder: ir.IRBuilder, signature: Signature, args: Sequence[ir.Value]) -> ir.Value:
         if sys.platform != "win32":
@@ -100,17 +99,17 @@ def _let_others_run(typingctx):
 def claim(
     numbers,  # see `counters`
     starts,  # int64 (n_levels + 1,), chunks with which the levels start
-    turn,  # int, level from which on chunks are numbered backwards, so that a part is at the other end
-    # part of every level that this thread begins with, of so many
+    turn,  # int, level from which chunks are numbered backwards, so that a part is at the other end
+    # part of every level with which this thread begins, and the number of parts
     part,  # int
     n_parts,  # int
-    # what the last call gave; 0 and 0 in the first
+    # result of the last call; 0 and 0 in the first
     level,  # int
     n_tried,  # int
 ):
     """Claim a chunk and wait until the levels before its own are done."""
     # returns chunk int: its number, or -1 when there is none left
-    # returns level, n_tried int: for the next call: its level, and how many chunks of that this thread has looked at
+    # returns level, n_tried int: for the next call: its level, and how many chunks of it this thread has tried
     while level + 1 < len(starts):
         first, n_chunks = starts[level], starts[level + 1] - starts[level]
         local = part if level < turn else n_parts - 1 - part

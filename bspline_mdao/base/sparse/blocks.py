@@ -2,7 +2,7 @@
 
 Only the lower triangle is stored, by rows::
 
-    row 0   [d]                     d = diagonal block, last of its row, both of its halves filled
+    row 0   [d]                     d = diagonal block, last of its row, both halves filled
     row 1   [b d]                   b = block (row, column) with column < row; the one above the diagonal is b^T
     row 2   [  b d] ...
 
@@ -60,11 +60,11 @@ class BlockPattern:
     @classmethod
     def of_elements(
         cls,
-        # block row of every corner; -1 where a point is fixed. A number may occur twice in an element
+        # block row of every corner; -1 if the point is fixed. A number may occur twice in an element
         element_points: np.ndarray,  # int32 (n_elements, m)
-        n: int,  # block rows. A row without an element holds its diagonal alone
+        n: int,  # block rows. A row without an element has only its diagonal
     ) -> BlockPattern:
-        """Pattern of a matrix that couples all points of an element with each other."""
+        """Pattern of a matrix that couples all points of each element with each other."""
         elements, corners = np.nonzero(element_points >= 0)
         points = np.asarray(element_points, np.int32)[elements, corners]
         shape = (len(element_points), n)
@@ -79,7 +79,7 @@ class BlockMatrix:
     """Symmetric matrix of 3 x 3 blocks."""
 
     pattern: BlockPattern  # where the blocks are
-    data: np.ndarray  # (n_blocks, 3, 3), the blocks. Diagonal ones hold both halves
+    data: np.ndarray  # (n_blocks, 3, 3), the blocks. Diagonal ones contain both halves
 
     def __post_init__(self) -> None:
         if self.data.shape != (self.pattern.n_blocks, 3, 3):
@@ -88,7 +88,7 @@ class BlockMatrix:
 
     @property
     def comm(self) -> OneProcess:
-        """Processes that hold it: this one."""
+        """Its processes: this one."""
         return ONE
 
     @property
@@ -106,7 +106,7 @@ class BlockMatrix:
         return _product(self.pattern.indptr, self.pattern.indices, self.data, np.ascontiguousarray(x, np.float64))
 
     def dot_of_sizes(self, x: np.ndarray) -> np.ndarray:
-        """Product of the absolute values of all entries with those of a vector, shape (n, 3)."""
+        """Product of the absolute values of all entries and of a vector, shape (n, 3)."""
         return _product_of_sizes(self.pattern.indptr, self.pattern.indices, self.data, np.abs(x))
 
     def to_scipy(self) -> scipy.sparse.csc_array:
@@ -117,11 +117,11 @@ class BlockMatrix:
 
 
 def slots(
-    # pattern that holds all pairs of an element's points, as `BlockPattern.of_elements` makes it
+    # pattern with all pairs of an element's points, from `BlockPattern.of_elements`
     pattern: BlockPattern,
     element_points: np.ndarray,  # int32 (n_elements, m), block row of every corner; -1 where a point is fixed
 ) -> np.ndarray:
-    """Places of the blocks of element matrices in the data of a `BlockMatrix`."""
+    """Positions of the blocks of element matrices in the data of a `BlockMatrix`."""
     # returns int32 (n_elements, m (m + 1) / 2), place in ``data`` of the pair of corners (a, b), b <= a, in column ``a
     # (a + 1) / 2 + b``; -1 where one of them is fixed. With p = ``element_points[e]`` and the element's block ``K_ab``,
     # what is to be added there is
@@ -137,7 +137,7 @@ def slots(
 
 
 class Graph(NamedTuple):
-    """The graph of a block pattern: who couples with whom, both ways, without the diagonal; in compressed rows."""
+    """The graph of a block pattern: couplings in both directions, without the diagonal, in compressed rows."""
 
     starts: np.ndarray  # int64 (n + 1,), where the neighbours of each point start
     # neighbours of every point, each edge at both ends, no point its own neighbour
@@ -157,12 +157,12 @@ def graph_of(pattern: BlockPattern) -> Graph:
 
 @dataclass(frozen=True, eq=False)
 class LinearSolution:
-    """LinearSolution of a linear system and how it was found."""
+    """Solution of a linear system, and how it was found."""
 
-    x: np.ndarray  # (n, 3) or (n, 3, m), the solution, or those of m right-hand sides
+    x: np.ndarray  # (n, 3) or (n, 3, m), the solution, or the solutions for m right-hand sides
     iterations: int  # iterations, or steps of refinement
-    residual: float  # residual in the 2-norm, relative to the right-hand side (the largest, where there are several)
-    seconds: float  # time that it took by the wall clock (s)
+    residual: float  # residual in the 2-norm, relative to the right-hand side (the largest, if there are several)
+    seconds: float  # wall time (s)
 
 
 def check_right(right: np.ndarray, n: int) -> np.ndarray:
@@ -179,13 +179,13 @@ def relative_residual(residual: np.ndarray, right: np.ndarray) -> float:
 
 
 def residual_norm(matrix: BlockMatrix, x: np.ndarray, right: np.ndarray) -> float:
-    """Residual of a solution in the 2-norm, relative to the right-hand side; the largest, where there are several."""
+    """Residual of a solution in the 2-norm, relative to the right-hand side; the largest if there are several."""
     return relative_residual(right - matrix.dot(x), right)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _product(indptr, indices, data, x):
-    """Symmetric product: every stored block below the diagonal is used twice while it is in a register."""
+    """Symmetric product: every stored off-diagonal block is used twice while it is in a register."""
     y = np.zeros_like(x)
     for row in range(len(indptr) - 1):
         x_0, x_1, x_2 = x[row, 0], x[row, 1], x[row, 2]
@@ -228,7 +228,7 @@ def _product_of_sizes(indptr, indices, data, x):
 
 @njit(cache=True)
 def _lower_columns(indptr, indices, data):
-    """Scalar lower triangle by columns; rows come out ascending because the block rows are taken in order."""
+    """Scalar lower triangle by columns; rows are ascending because block rows are processed in order."""
     starts = np.zeros(3 * (len(indptr) - 1) + 1, np.int64)
     for row in range(len(indptr) - 1):
         for entry in range(indptr[row], indptr[row + 1]):

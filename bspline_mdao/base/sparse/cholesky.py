@@ -1,6 +1,6 @@
 """Sparse Cholesky factorisation: nested dissection, supernodes and multifrontal elimination.
 
-Its stages have a file each: the order (`.ordering`, with separators from `.separators`), the elimination tree and the
+Each stage has its own file: the order (`.ordering`, with separators from `.separators`), the elimination tree and the
 supernodes (`.symbolic`), storage and schedule of their fronts (`.fronts`), and the arithmetic (`.multifrontal`).
 
 Theory: ``docs/theory/sparse.rst``.
@@ -35,17 +35,17 @@ __all__ = ["Cholesky", "CholeskyAnalysis", "CholeskyFactor", "Memory"]
 
 @dataclass(frozen=True)
 class Cholesky(OneLine):
-    """Direct solver that needs nothing beyond numba and SciPy: the default.
+    """Direct solver that needs only numba and SciPy: the default.
 
     ``benchmarks/base/bench_cholesky.py`` compares it with PARDISO and SuperLU on control meshes.
 
     Parameters
     ----------
     single : bool, optional
-        Factor in single precision, after a scaling to unit diagonal, and solve by conjugate gradients that it
-        preconditions: half the time and memory, but each solution takes three times as long.
+        Factor in single precision, after scaling to unit diagonal, and solve by conjugate gradients with this factor as
+        preconditioner: half the time and memory, but each solution takes three times as long.
     n_threads : int, optional
-        Threads for a factorisation; ``NUMBA_NUM_THREADS`` by default. Results do not depend on it.
+        Number of threads for a factorisation; ``NUMBA_NUM_THREADS`` by default. Results do not depend on it.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class Cholesky(OneLine):
         return thread_count(self.n_threads)
 
     def analyze(self, pattern: BlockPattern, points: np.ndarray) -> CholeskyAnalysis:
-        """Find the order of elimination and the fronts of a pattern, whose points have coordinates of shape (n, 3)."""
+        """Find the order of elimination and the fronts of a pattern; points have shape (n, 3)."""
         graph = graph_of(pattern)
         supernodes = find_supernodes(*graph, fill_reducing_order(*graph))
         stages = find_stages(supernodes)
@@ -80,11 +80,11 @@ class Cholesky(OneLine):
 
 
 class Memory:
-    """Memory that has served and serves again: fresh memory can take as long as the arithmetic that fills it."""
+    """Reusable memory: fresh memory can take as long as the arithmetic that fills it."""
 
-    # What is lent comes back by itself, when nothing refers to it any more; then it waits, as long as this object
-    # lives, for the next request of its size. What served the first factorisation does not wait: most are the last,
-    # too. Threads may share one. Copies of one, and what is pickled, start empty.
+    # Lent memory returns when nothing refers to it any more, and is kept, as long as this object lives, for the next
+    # request of its size. Memory of the first factorisation is not kept, since most first ones are also the last.
+    # Threads may share one. Copies and pickles start empty.
 
     def __init__(self) -> None:
         self._idle: dict[int, list[np.ndarray]] = {}
@@ -94,7 +94,7 @@ class Memory:
         return Memory, ()
 
     def lend(self, size: int, dtype: DTypeLike) -> np.ndarray:
-        """Array of shape (size,) that holds anything at all."""
+        """Array of shape (size,) with arbitrary contents."""
         n_bytes = size * np.dtype(dtype).itemsize
         idle = self._idle.setdefault(n_bytes, [])
         try:
@@ -104,13 +104,13 @@ class Memory:
         return np.asarray(_Loan(memory, idle)).view(dtype)
 
     def end(self) -> None:
-        """Say that a factorisation has ended."""
+        """Report that a factorisation has ended."""
         if not self._has_served:
             self._idle, self._has_served = {}, True
 
 
 class _Loan:
-    """Base of an array and of all views of it; with the last of these it goes, and gives the memory back."""
+    """Base of an array and all its views; it is deleted with the last of these, and returns the memory."""
 
     def __init__(self, memory: np.ndarray, idle: list[np.ndarray]):
         self.memory, self.idle = memory, idle
@@ -122,29 +122,29 @@ class _Loan:
 
 @dataclass(frozen=True, eq=False)
 class CholeskyAnalysis(OneLine):
-    """The factorisation of a pattern: everything about it that does not depend on numbers."""
+    """The factorisation of a pattern: everything that does not depend on numbers."""
 
     settings: Cholesky
     pattern: BlockPattern
     supernodes: Supernodes
     stages: Stages
     fronts: Fronts
-    # of factors and factorisations that are no more, for the next ones
+    # memory of deleted factors and factorisations, for the next ones
     memory: Memory = field(default_factory=Memory, repr=False)
 
     @property
     def n_factor(self) -> int:
-        """Numbers that the factor holds."""
+        """Number of entries in the factor."""
         return int(self.fronts.panel_starts[-1])
 
     @property
     def factor_bytes(self) -> int:
-        """Memory that a factor takes (bytes): known before there is a matrix."""
+        """Memory of a factor (bytes), known before there is a matrix."""
         return self.n_factor * self._itemsize
 
     @property
     def work_bytes(self) -> int:
-        """Memory that a factorisation takes beside the factor (bytes): the updates, and scratch for every thread."""
+        """Memory of a factorisation in addition to the factor (bytes): the updates, and scratch for every thread."""
         return (self.fronts.n_kept + self.settings.threads * self.fronts.n_scratch) * self._itemsize
 
     @property
@@ -161,11 +161,11 @@ class CholeskyAnalysis(OneLine):
             self.memory.end()
 
     def _factorized(self, matrix: BlockMatrix) -> CholeskyFactor:
-        """Factor in single precision first, where that is asked for."""
+        """Factor in single precision first, if requested."""
         if self.settings.single:
             scale = _inverse_root_diagonal(self.pattern.indptr, matrix.data)
             scaled = _scaled_blocks(self.pattern.indptr, self.pattern.indices, matrix.data, scale)
-            panels, failed = self._factor(scaled)  # rounded to single precision, a definite matrix may not be one
+            panels, failed = self._factor(scaled)  # rounded to single precision, a matrix may become indefinite
             if failed < 0:
                 return CholeskyFactor(self, matrix, panels, scale)
         panels, failed = self._factor(matrix.data)
@@ -178,7 +178,7 @@ class CholeskyAnalysis(OneLine):
         return CholeskyFactor(self, matrix, panels, None)
 
     def _factor(self, data: np.ndarray) -> tuple[np.ndarray, int]:
-        """Factor in the precision of the blocks; the place of the first pivot that is not positive, or -1."""
+        """Factor in the precision of the blocks; return the position of the first non-positive pivot, or -1."""
         memory, fronts = self.memory, self.fronts
         panels, kept = memory.lend(self.n_factor, data.dtype), memory.lend(fronts.n_kept, data.dtype)
         structure = self.supernodes, fronts, routines(data.dtype), data, panels, kept
@@ -207,9 +207,9 @@ class CholeskyFactor:
     """Cholesky factor of a matrix."""
 
     analysis: CholeskyAnalysis
-    matrix: BlockMatrix  # what was factored
+    matrix: BlockMatrix  # the factored matrix
     panels: np.ndarray  # (n_factor,), the factor, in double or in single precision
-    # what the rows and columns of the matrix were multiplied by before they were factored in single precision
+    # factors applied to rows and columns of the matrix before factoring in single precision
     scale: np.ndarray | None = None  # (n, 3), or None
 
     @property
@@ -219,8 +219,9 @@ class CholeskyFactor:
 
     @cached_property
     def cancellation(self) -> float:
-        """Largest ratio of a diagonal entry of the matrix to what elimination leaves of it."""
-        # Times the unit round-off it is about the relative error of a solution: no scaling of the matrix changes it.
+        """Largest ratio of a diagonal entry of the matrix to its remainder after elimination."""
+        # Times the unit round-off it approximates the relative error of a solution; scaling the matrix does not change
+        # it.
         pattern, supernodes = self.matrix.pattern, self.analysis.supernodes
         pivots = multifrontal.pivots(supernodes, self.analysis.fronts, self.panels)
         diagonal = np.einsum("ncc->nc", self.matrix.data[pattern.indptr[1:] - 1])[supernodes.order]
@@ -266,11 +267,11 @@ class CholeskyFactor:
     def solve(
         self,
         right: np.ndarray,  # (n, 3) or (n, 3, m), right-hand side, or m of them
-        # matrix to solve with in place of the one that was factored: by conjugate gradients, with this factor as the
-        # preconditioner. A factor in single precision is always used in that way
+        # matrix to solve with instead of the factored one: by conjugate gradients, with this factor as the
+        # preconditioner. A factor in single precision is always used in this way
         matrix: BlockMatrix | None = None,
     ) -> LinearSolution:
-        """Solve for a right-hand side. `cancellation` tells how many digits the solution has; refine it for more."""
+        """Solve for a right-hand side. `cancellation` estimates the digits of the solution; refine it for more."""
         start = working_seconds()
         right = check_right(right, self.matrix.n)
         if self.panels.dtype != np.float64 or (matrix is not None and matrix is not self.matrix):
@@ -281,7 +282,7 @@ class CholeskyFactor:
 
 @njit(cache=True)
 def _inverse_root_diagonal(indptr, data):
-    """One over the root of every diagonal entry, shape (n, 3); 1 where the entry is not positive."""
+    """Inverse square root of every diagonal entry, shape (n, 3); 1 if the entry is not positive."""
     n = len(indptr) - 1
     scale = np.ones((n, 3))
     for row in range(n):

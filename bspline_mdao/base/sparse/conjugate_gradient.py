@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 ROUNDING_MARGIN = 4.0
-"""Factor by which a residual that no longer falls may be above ``eps |A| |x|``, which is an estimate of rounding."""
+"""Factor by which a stagnating residual may exceed ``eps |A| |x|``, an estimate of rounding."""
 
 ADVICE = "give more shift or a higher fill, or use a direct solver"
 
@@ -42,26 +42,26 @@ class Preconditioner(Protocol):
 
 
 class StoredFactor(Preconditioner, Protocol):
-    """A preconditioner that knows its memory."""
+    """A preconditioner that reports its memory."""
 
     @property
     def n_bytes(self) -> int:
-        """Memory that it takes in bytes."""
+        """Its memory in bytes."""
 
 
 class System(Protocol):
-    """A symmetric matrix that can be multiplied with: a `BlockMatrix`, or one of several processes."""
+    """A symmetric matrix with a product: a `BlockMatrix`, or one distributed over several processes."""
 
     @property
     def comm(self) -> Any:
-        """Processes that hold it."""
+        """Its processes."""
 
     @property
     def n(self) -> int:
         """Number of block rows that this process owns."""
 
     def dot(self, x: np.ndarray) -> np.ndarray:
-        """Own rows of the product with a vector of which own rows are given."""
+        """Own rows of the product with a vector given by own rows."""
 
     def dot_of_sizes(self, x: np.ndarray) -> np.ndarray:
         """The same with the absolute values of all numbers."""
@@ -74,15 +74,16 @@ class ConjugateGradients(OneLine):
     Parameters
     ----------
     fill : int, optional
-        Level of fill p of the incomplete factor.
+        Fill level p of the incomplete factor.
     shift : float, optional
-        Part of the diagonal blocks that is added to them before they are factored. The factor takes more where a pivot
-        is not positive otherwise.
+        Fraction of the diagonal blocks added to them before factoring. It is increased if a pivot is not positive
+        otherwise.
     tolerance : float, optional
-        Residual to reach in the 2-norm, relative to the right-hand side, or what rounding leaves if that is more: see
+        Residual to reach in the 2-norm, relative to the right-hand side, or the rounding level if that is higher: see
         `preconditioned_solve`.
     max_iterations : int, optional
         Iterations after which to give up.
+
     single : bool, optional
         Store the factor in single precision, which halves its memory. The solution has the same accuracy.
 
@@ -122,7 +123,7 @@ class ConjugateGradientsAnalysis(OneLine):
     pattern: IncompletePattern
 
     def factorize(self, matrix: BlockMatrix) -> PreconditionedMatrix:
-        """Factor a matrix incompletely; `MovementError` if no sensible shift makes its pivots positive."""
+        """Factor a matrix incompletely; `MovementError` if no reasonable shift makes its pivots positive."""
         settings = self.settings
         dtype = np.float32 if settings.single else np.float64
         factor: IncompleteFactor = incomplete_factor(matrix, self.pattern, settings.shift, dtype)
@@ -145,7 +146,7 @@ class PreconditionedMatrix:
 
     @property
     def cancellation(self) -> float:
-        """Counterpart of `CholeskyFactor.cancellation`, from the tolerance: more digits take a smaller one."""
+        """Counterpart of `CholeskyFactor.cancellation`, from the tolerance: more digits need a smaller one."""
         return self.tolerance / np.finfo(float).eps
 
     def apply(self, right: np.ndarray) -> np.ndarray:
@@ -153,7 +154,7 @@ class PreconditionedMatrix:
         return self.preconditioner.apply(right)
 
     def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
-        """Solve for a right-hand side, shape (n, 3) or (n, 3, m); with ``matrix`` in place of the own one, if given."""
+        """Solve for a right-hand side, shape (n, 3) or (n, 3, m); with ``matrix`` instead of its own, if given."""
         matrix = self.matrix if matrix is None else matrix
         return preconditioned_solve(
             matrix, self.preconditioner, right, self.tolerance, max_iterations=self.max_iterations
@@ -161,24 +162,22 @@ class PreconditionedMatrix:
 
 
 def preconditioned_solve(
-    matrix: System,  # symmetric positive definite matrix. Of a distributed one each process gives and gets its own rows
-    factor: Preconditioner,  # factor of any solver, such as that of an earlier increment
+    matrix: System,  # symmetric positive definite matrix. If distributed, each process passes and gets its own rows
+    factor: Preconditioner,  # factor of any solver, for example of an earlier increment
     right: np.ndarray,  # (n, 3) or (n, 3, m), right-hand side, or m of them
-    # residual to reach in the 2-norm, relative to the right-hand side, or that of rounding if it is more
+    # residual to reach in the 2-norm, relative to the right-hand side, or the rounding level if that is higher
     tolerance: float = 1e-12,
     start: np.ndarray | None = None,  # where to start; zero by default
     max_iterations: int = 20_000,  # iterations after which to give up
 ) -> LinearSolution:
-    """Solve with conjugate gradients and the factor of this matrix or one like it."""
+    """Solve with conjugate gradients and the factor of this matrix or a similar one."""
     # The iteration's own residual drifts from the true one by rounding. So the true one is computed when the former is
-    # small enough, and the iteration starts again from there if need be.
-    # The residual of the very solution, its numbers rounded to double precision, is of the size of ``eps |A| |x|``,
-    # with absolute values of all entries. Where the solution is large beside the right-hand side, as for one without
-    # pattern on a soft matrix, that is more than any small tolerance, and the iteration ends there, as accurate as a
-    # direct solver.
-    # `MovementError` if the residual is not reached, by how much, or if matrix or factor is not positive definite or
-    # not finite
-    # returns with the true residual, and the largest number of iterations where there are several right-hand sides
+    # small enough, and the iteration is restarted from there if necessary. The residual of the exact solution rounded
+    # to double precision is of the size of ``eps |A| |x|``, with absolute values of all entries. If the solution is
+    # large relative to the right-hand side, as for a random one with a soft matrix, that exceeds any small tolerance,
+    # and the iteration ends there, as accurate as a direct solver. `MovementError` if the residual is not reached, and
+    # by how much, or if matrix or factor is not positive definite or not finite
+    # returns the true residual as well, and the largest number of iterations if there are several right-hand sides
     clock = working_seconds()
     right = check_right(right, matrix.n)
     start = np.zeros_like(right) if start is None else check_right(start, matrix.n)
@@ -194,7 +193,7 @@ def preconditioned_solve(
 def _solve_one(
     matrix: System, factor: Preconditioner, right: np.ndarray, tolerance: float, start: np.ndarray, max_iterations: int
 ) -> tuple[np.ndarray, int, float]:
-    """LinearSolution, iterations and true relative residual of one right-hand side."""
+    """Solution, iterations and true relative residual for one right-hand side."""
     right = np.ascontiguousarray(right)
     size = _norm(matrix, right)
     if size == 0.0:
@@ -204,8 +203,8 @@ def _solve_one(
     x = np.array(start, order="C")
     rest = right - matrix.dot(x)
     iterations, residual = 0, _norm(matrix, rest) / size
-    while not residual <= tolerance:  # also where it is not a number, which _iterate then refuses
-        # to half the tolerance, so that a little drift of the recurrence does not cost another start
+    while not residual <= tolerance:  # also if it is NaN, which _iterate then refuses
+        # to half the tolerance, so that a small drift of the recurrence does not cost a restart
         step, n_steps = _iterate(matrix, factor, rest, 0.5 * tolerance * size, max_iterations - iterations)
         x += step
         iterations += n_steps
@@ -224,7 +223,7 @@ def _solve_one(
 
 
 def _rounding(matrix: System, x: np.ndarray, right: np.ndarray) -> float:
-    """2-norm of the residual that rounding of a solution and of its product leaves."""
+    """2-norm of the residual due to rounding of a solution and of its product."""
     return np.finfo(float).eps * _norm(matrix, matrix.dot_of_sizes(x) + np.abs(right))
 
 
@@ -284,7 +283,7 @@ def _dot(a, b):
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
 def _advance(x, residual, direction, image, length):
-    """Go along ``direction``, whose product with the matrix is ``image``; square of the residual's norm."""
+    """Step along ``direction``, whose product with the matrix is ``image``; return the squared residual norm."""
     total = 0.0
     for i in range(len(x)):
         for a in range(3):
@@ -296,7 +295,7 @@ def _advance(x, residual, direction, image, length):
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _turn(direction, z, ratio):
-    """Next direction, in place: ``z`` plus ``ratio`` times the last one."""
+    """Next direction, in place: ``z`` plus ``ratio`` times the previous one."""
     for i in range(len(z)):
         for a in range(3):
             direction[i, a] = z[i, a] + ratio * direction[i, a]

@@ -1,7 +1,7 @@
-"""Symmetric matrices of 3 x 3 blocks whose rows belong to several processes.
+"""Symmetric matrices of 3 x 3 blocks with rows distributed over several processes.
 
-A process stores the rows that it owns as in `.blocks`, and below them the rows of others that couple with them, of
-which only the blocks beside its own are of use::
+A process stores the rows that it owns as in `.blocks`, and below them the coupled rows of others, of which only the
+blocks that couple with its own are used::
 
     own row 0    [d]                     numbered from 0 on every process: its own rows first, in their order in the
     own row 1    [b d]                   whole matrix, and then the others, ascending. Every block (own, any) is there
@@ -29,7 +29,7 @@ __all__ = ["DistributedMatrix", "DistributedPattern", "FullRows"]
 
 @dataclass(frozen=True, eq=False)
 class DistributedPattern(BlockPattern):
-    """What one process holds of a symmetric pattern."""
+    """One process's part of a symmetric pattern."""
 
     # indptr, indices: pattern in the numbers of this process, see `BlockPattern`
 
@@ -40,7 +40,7 @@ class DistributedPattern(BlockPattern):
 
     @classmethod
     def whole(cls, pattern: BlockPattern) -> DistributedPattern:
-        """Pattern of a single process; one that is distributed already as it is."""
+        """Pattern of a single process; an already distributed one is returned unchanged."""
         if isinstance(pattern, cls):
             return pattern
         return cls(pattern.indptr, pattern.indices, np.array([0, pattern.n]), np.zeros(0, np.int32))
@@ -48,21 +48,21 @@ class DistributedPattern(BlockPattern):
     @classmethod
     def of_local_elements(
         cls,
-        # row of the whole matrix of every corner of all elements; -1 where a point is fixed
+        # row of the whole matrix of every corner of all elements; -1 if the point is fixed
         element_rows: np.ndarray,  # int32 (n_elements, m)
         n: int,  # rows of the whole matrix
-        comm: Any,  # communicator, its rank and size count; nothing is sent
+        comm: Any,  # communicator, of which only rank and size are used; nothing is sent
     ) -> tuple[DistributedPattern, np.ndarray, np.ndarray]:
-        """Pattern of the rows that a process owns, of a matrix that couples all points of an element."""
-        # Rows are dealt out in their order, so many to each process as to any other.
+        """Pattern of a process's own rows, for a matrix that couples all points of each element."""
+        # Rows are distributed in order, equally many to each process.
         # returns element_ids int (n_own_elements,): elements that touch an own row
-        # returns rows int32 (n_own_elements, m): row here of each of their corners
+        # returns rows int32 (n_own_elements, m): local row of each of their corners
         starts = np.arange(comm.size + 1) * n // comm.size
         first, end = starts[comm.rank], starts[comm.rank + 1]
         element_ids = np.flatnonzero(((element_rows >= first) & (element_rows < end)).any(axis=1))
         touched = element_rows[element_ids]
         others = np.unique(touched[(touched >= 0) & ((touched < first) | (touched >= end))])
-        here = np.full(n + 1, -1, np.int32)  # the last one is that of -1
+        here = np.full(n + 1, -1, np.int32)  # the last one is for -1
         here[first:end], here[others] = np.arange(end - first), end - first + np.arange(len(others))
         rows = here[touched]
         local = BlockPattern.of_elements(rows, int(end - first) + len(others))
@@ -85,7 +85,7 @@ class DistributedPattern(BlockPattern):
         return np.concatenate([np.arange(owned.start, owned.stop, dtype=np.int32), self.others])
 
     def gathered(self, owned: np.ndarray) -> np.ndarray:
-        """Values of all rows, on every process, from those of its own rows, shape (n_owned, 3) or (n_owned, 3, m)."""
+        """Values of all rows, on every process, from its own rows' values, shape (n_owned, 3) or (n_owned, 3, m)."""
         if self.comm.size == 1:
             return owned
         whole = np.empty((int(self.starts[-1]), *owned.shape[1:]))
@@ -96,11 +96,11 @@ class DistributedPattern(BlockPattern):
 
 @dataclass(frozen=True, eq=False)
 class FullRows:
-    """Own rows of a pattern with both of their halves, in compressed rows."""
+    """Own rows of a pattern with both halves, in compressed rows."""
 
     indptr: np.ndarray  # int64 (n_owned + 1,), where each row starts
     columns: np.ndarray  # int32 (n_entries,), columns in the whole matrix
-    # place of the block in the data of the matrix; ``-1 - place`` where it is the transposed one
+    # position of the block in the data of the matrix; ``-1 - position`` if it is transposed
     places: np.ndarray  # int32 (n_entries,)
 
     @classmethod
@@ -114,8 +114,8 @@ class DistributedMatrix:
     """Matrix of several processes, each of which multiplies its own rows."""
 
     pattern: DistributedPattern
-    matrix: BlockMatrix  # what this process holds, of this pattern
-    # values of the rows of others, shape (n - n_owned, 3), from those of its own ones: collective
+    matrix: BlockMatrix  # this process's part, with this pattern
+    # values of the rows of others, shape (n - n_owned, 3), from its own rows' values: collective
     exchange: Callable[[np.ndarray], np.ndarray]
 
     @property
@@ -129,7 +129,7 @@ class DistributedMatrix:
         return self.pattern.n_owned
 
     def dot(self, x: np.ndarray) -> np.ndarray:
-        """Own rows of the product with a vector, of which each process gives its own rows, shape (n_owned, 3)."""
+        """Own rows of the product with a vector, given by each process's own rows, shape (n_owned, 3)."""
         return self.matrix.dot(np.concatenate([x, self.exchange(x)]))[: self.n]
 
     def dot_of_sizes(self, x: np.ndarray) -> np.ndarray:
@@ -139,7 +139,7 @@ class DistributedMatrix:
 
 @njit(cache=True)
 def _full_rows(indptr, indices, rows, n_owned):
-    """Both halves of the first rows: lower blocks come first because rows are taken in their order."""
+    """Both halves of the first rows: lower blocks come first because rows are processed in order."""
     starts = np.zeros(n_owned + 1, np.int64)
     for row in range(len(indptr) - 1):
         for entry in range(indptr[row], indptr[row + 1]):

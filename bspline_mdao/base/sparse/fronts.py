@@ -1,11 +1,11 @@
-"""Storage and schedule of the fronts of a multifrontal factorisation, which are found before there are numbers.
+"""Storage and schedule of the fronts of a multifrontal factorisation, determined before there are numbers.
 
-A front is stored in two pieces, both column by column: the *panel* of its own columns, which becomes a piece of the
-factor, and the *update* of its rows, which is added to the front of the parent and forgotten::
+A front is stored in two pieces, both column by column: the *panel* of its own columns, which becomes part of the
+factor, and the *update* of its rows, which is added to the parent's front and discarded::
 
     own columns    rows
     [ L_11          .  ]      3 (size + n_rows) scalar rows in the panel,
-    [ L_21       update]      3 n_rows in the update, of which the lower half counts
+    [ L_21       update]      3 n_rows in the update, of which the lower half is used
 
 Theory: ``docs/theory/sparse.rst``, "Fronts".
 """
@@ -23,28 +23,28 @@ __all__ = ["Fronts", "Stages", "find_stages", "lay_out"]
 
 
 LARGEST_BRANCH = 0.05
-"""Part of all work that a branch has at most: small enough for threads to end together."""
+"""Largest fraction of all work in a branch: small enough for threads to end together."""
 
 LEAST_WORK = 0.02
-"""Factorisations that take less time (s) are one branch: there is too little for several threads."""
+"""Factorisations shorter than this (s) are one branch: too little work for several threads."""
 
 
 class Stages(NamedTuple):
-    """Schedule of a factorisation on several threads: a stage can start when the one before it has ended."""
+    """Schedule of a factorisation on several threads: a stage can start when the previous one has ended."""
 
-    # The large fronts near the roots, the *trunk*, are tasks of their own, whose tiles threads share. The subtrees
+    # The large fronts near the roots, the *trunk*, are separate tasks, whose tiles are shared by threads. The subtrees
     # below them are cut into *branches*: sets of whole subtrees of about equal work, each for one thread. Branches come
-    # first; a front of the trunk comes when all below it is done. The cut depends on the pattern alone, and so do all
-    # sums: results are the same for any number of threads.
+    # first; a front of the trunk follows when everything below it is done. The cut and all sums depend only on the
+    # pattern: results are the same for any number of threads.
 
-    # first supernode of every task, and the one behind its last; the larger tasks of a stage come first
+    # first supernode of every task, and the one after its last; larger tasks of a stage come first
     ranges: np.ndarray  # int64 (n_tasks, 2)
     # where each stage starts: the branches, if any, then the fronts of the trunk, by height
     starts: np.ndarray  # int64 (n_stages + 1,)
 
 
 def find_stages(supernodes: Supernodes) -> Stages:
-    """Cut a factorisation into tasks."""
+    """Divide a factorisation into tasks."""
     sizes, n_rows = np.diff(supernodes.firsts), np.diff(supernodes.row_starts)
     ranges, stages, work = _cut(sizes.astype(np.int64), n_rows, supernodes.parents)
     order = np.lexsort((-work, stages))
@@ -69,7 +69,7 @@ def _cut(sizes, n_rows, parents):
     for s in range(n):
         is_trunk = below[s] > limit
         if not is_trunk and parents[s] != -1 and below[parents[s]] <= limit:
-            continue  # inside a subtree that is taken as a whole, with its root
+            continue  # inside a subtree that is taken whole, with its root
         load = front[s] if is_trunk else below[s]
         if is_trunk or not is_open or work[n_tasks - 1] + load > limit:
             ranges[n_tasks, 0] = n_covered
@@ -89,25 +89,25 @@ def _cut(sizes, n_rows, parents):
 class Fronts(NamedTuple):
     """Storage of the fronts of a forest of supernodes."""
 
-    panel_starts: np.ndarray  # int64 (n_supernodes + 1,), where the panels are in the factor, in scalars
-    # where the updates are, in scalars: among those kept from task to task, or, inverted bitwise, in the scratch of the
-    # task. The same place serves many, one after the other
+    panel_starts: np.ndarray  # int64 (n_supernodes + 1,), positions of the panels in the factor, in scalars
+    # positions of the updates, in scalars: among the ones kept from task to task, or, inverted bitwise, in the scratch
+    # of the task. A position is reused by many, one after the other
     update_starts: np.ndarray  # int64 (n_supernodes,)
-    # scalars of the updates that are kept, and of the scratch of a task
+    # scalars of the kept updates, and of the scratch of a task
     n_kept: int
     n_scratch: int
     # for every row of a supernode, its position in the front of the parent, in points
     positions: np.ndarray  # int32 (n_rows,)
     child_starts: np.ndarray  # int32 (n_supernodes + 1,), where the children of each supernode start
     children: np.ndarray  # children of every supernode, ascending
-    block_starts: np.ndarray  # int64 (n_supernodes + 1,), where the blocks of the matrix that go to each panel start
+    block_starts: np.ndarray  # int64 (n_supernodes + 1,), where the matrix blocks of each panel start
     blocks: np.ndarray  # int32 (n_blocks,), those blocks
-    # where their first scalar goes in the factor; bitwise inverted where the block is to be transposed
+    # position of their first scalar in the factor; bitwise inverted if the block is transposed
     block_places: np.ndarray  # int64 (n_blocks,)
 
 
 def lay_out(supernodes: Supernodes, stages: Stages, indptr: np.ndarray, indices: np.ndarray) -> Fronts:
-    """Find a place for the fronts of a forest and for the blocks of a pattern."""
+    """Assign storage to the fronts of a forest and to the blocks of a pattern."""
     sizes, n_rows = np.diff(supernodes.firsts).astype(np.int64), np.diff(supernodes.row_starts)
     panel_starts = np.concatenate(([0], np.cumsum(9 * sizes * (sizes + n_rows))))
     child_starts, children = _children(supernodes.parents)
@@ -126,7 +126,7 @@ def _children(parents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _positions_in(fronts: np.ndarray, places: np.ndarray, supernodes: Supernodes) -> np.ndarray:
-    """Position of places in fronts that hold them, in points: own points first, then the rows."""
+    """Positions of places in fronts that contain them, in points: own points first, then the rows."""
     firsts, row_starts, n = supernodes.firsts.astype(np.int64), supernodes.row_starts, len(supernodes.order)
     owners = np.repeat(np.arange(len(firsts) - 1), np.diff(row_starts))
     rows = np.searchsorted(owners * n + supernodes.rows, fronts * n + places) - row_starts[fronts]
@@ -137,9 +137,9 @@ def _positions_in(fronts: np.ndarray, places: np.ndarray, supernodes: Supernodes
 
 @njit(cache=True)
 def _allocate(n_scalars, child_starts, children, ranges, stage_starts):
-    """Place of every update, and the sizes of what is kept and of the scratch."""
-    # Within a task an update is in the scratch until its parent has used it. The last ones of a task are kept until the
-    # stage of their parents has ended, since other tasks work at the same time.
+    """Position of every update, and the sizes of the kept updates and of the scratch."""
+    # Within a task an update is in the scratch until its parent has used it. The last updates of a task are kept until
+    # the stage of their parents has ended, since other tasks run at the same time.
     n = len(n_scalars)
     starts, alive = np.zeros(n, np.int64), np.empty(n, np.int32)
     n_alive = n_kept = n_scratch = np.int64(0)
@@ -173,7 +173,7 @@ def _allocate(n_scalars, child_starts, children, ranges, stage_starts):
 
 @njit(cache=True)
 def _place(s, n_scalars, starts, alive, n_alive):
-    """Give an update the first gap that is large enough; return the number of those alive, which stay sorted."""
+    """Assign the first large enough gap to an update; return the number of live ones, which stay sorted."""
     start, place = 0, 0
     while place < n_alive and starts[alive[place]] - start < n_scalars[s]:
         start = starts[alive[place]] + n_scalars[alive[place]]
@@ -187,7 +187,7 @@ def _place(s, n_scalars, starts, alive, n_alive):
 
 @njit(cache=True)
 def _drop(alive, n_alive, done):
-    """Take the updates that have been used off the list; return its length."""
+    """Remove used updates from the list; return its length."""
     for child in done:
         n_kept = 0
         for other in alive[:n_alive]:
@@ -201,7 +201,7 @@ def _drop(alive, n_alive, done):
 def _place_blocks(
     indptr: np.ndarray, indices: np.ndarray, supernodes: Supernodes, panel_starts: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Blocks of the matrix sorted by supernode, and where each of them goes."""
+    """Blocks of the matrix sorted by supernode, and the position of each."""
     sizes, n_rows = np.diff(supernodes.firsts).astype(np.int64), np.diff(supernodes.row_starts)
     owner = np.repeat(np.arange(len(sizes)), sizes)
     rows = supernodes.rank[np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))].astype(np.int64)

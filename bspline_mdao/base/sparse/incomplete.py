@@ -1,4 +1,4 @@
-"""Incomplete factorisation L D L^T of a symmetric matrix of 3 x 3 blocks, with level of fill p: ILU(p), section III.B.
+"""Incomplete factorisation L D L^T of a symmetric matrix of 3 x 3 blocks, with fill level p: ILU(p), section III.B.
 
 Theory: ``docs/theory/sparse_iterative.rst``.
 """
@@ -27,17 +27,17 @@ __all__ = [
 
 
 LARGEST_SHIFT = 10.0
-"""Where retries with ever larger shifts end: the factor is then hardly better than the diagonal."""
+"""Largest shift that is tried: the factor is then hardly better than the diagonal."""
 
 SMALLEST_SHIFT, SHIFT_GROWTH = 1e-3, 4.0
-"""The first shift to try after none at all, and how shifts grow from one trial to the next."""
+"""The first shift tried after zero, and the growth factor between trials."""
 
 
 @dataclass(frozen=True, eq=False)
 class IncompletePattern:
     """Pattern of an incomplete factor."""
 
-    # points in the order of elimination, and the place of every point in it
+    # points in the order of elimination, and the position of every point in it
     order: np.ndarray  # int32 (n,)
     rank: np.ndarray  # int32 (n,)
     starts: np.ndarray  # int64 (n + 1,), where each row of the strict lower triangle starts
@@ -51,8 +51,8 @@ class IncompleteFactor:
     pattern: IncompletePattern
     lower: np.ndarray  # (n_blocks, 3, 3), blocks of L below its unit diagonal
     inverse_diagonal: np.ndarray  # (n, 3, 3), inverses of the blocks of D
-    shift: float  # part of the diagonal blocks that was added to them
-    # smaller shifts that were tried first, and the number of pivots that were not positive with each
+    shift: float  # fraction of the diagonal blocks that was added to them
+    # smaller shifts tried first, and the number of non-positive pivots with each
     breakdowns: tuple[tuple[float, int], ...]
 
     @property
@@ -69,7 +69,7 @@ class IncompleteFactor:
 
 
 def narrow_order(graph: Graph) -> np.ndarray:
-    """Order points by reverse Cuthill and McKee (1969), which gives the fewest iterations of the orders measured."""
+    """Order points by reverse Cuthill-McKee (1969), which gives the fewest iterations of the orders measured."""
     n, edges = len(graph.starts) - 1, np.ones(len(graph.neighbours), np.int8)
     if not n:  # SciPy takes the maximum of their degrees
         return np.zeros(0, np.int32)
@@ -77,7 +77,7 @@ def narrow_order(graph: Graph) -> np.ndarray:
 
 
 def incomplete_pattern(graph: Graph, order: np.ndarray, fill: int) -> IncompletePattern:
-    """Find the pattern of the factor of level of fill ``fill``, for points that are eliminated in ``order``."""
+    """Find the pattern of the factor with fill level ``fill``, for elimination in ``order``."""
     order = np.ascontiguousarray(order, np.int32)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order), dtype=np.int32)
@@ -89,19 +89,19 @@ def fill_pattern(
     neighbour_starts: np.ndarray,
     neighbours: np.ndarray,
     order: np.ndarray,  # int (n,), points in the order of elimination
-    fill: int,  # level of fill p; 0 keeps the pattern of the matrix
+    fill: int,  # fill level p; 0 keeps the pattern of the matrix
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the strict lower triangle of the incomplete factor with level of fill p, by rows [1]."""
-    # Block (i, j) of the factor, j < i, is kept where a path of at most p + 1 edges leads from i to j in the graph of
-    # the matrix through points that are all eliminated before j. For every j:
-    # 1. Search in breadth from j, p + 1 edges far.
-    # 2. Go on from points only that are eliminated before j.
-    # 3. Every later point that is reached is a row of column j.
+    """Find the strict lower triangle of the incomplete factor with fill level p, by rows [1]."""
+    # Block (i, j) of the factor, j < i, is kept if a path of at most p + 1 edges leads from i to j in the graph of the
+    # matrix through points that are all eliminated before j. For every j:
+    # 1. Search breadth first from j, up to p + 1 edges.
+    # 2. Continue only from points eliminated before j.
+    # 3. Every later point reached is a row of column j.
     # No levels are stored.
     # - [1] D. Hysom, A. Pothen, "Level-based incomplete LU factorization: graph model and algorithms", UCRL-JC-150789,
     #   2002.
     # returns starts int64 (n + 1,)
-    # returns columns: columns of each row, ascending; rows and columns are places in the order of elimination
+    # returns columns: columns of each row, ascending; rows and columns are positions in the order of elimination
     rank = np.empty(len(order), np.int32)
     rank[order] = np.arange(len(order), dtype=np.int32)
     starts = _count(neighbour_starts, neighbours, order, rank, fill)
@@ -122,7 +122,7 @@ def _count(neighbour_starts, neighbours, order, rank, fill):
 
 @njit(cache=True)
 def _columns(neighbour_starts, neighbours, order, rank, fill, starts):
-    """Columns of the rows; they come out ascending because the columns are taken in order."""
+    """Columns of the rows; they are ascending because columns are processed in order."""
     n = len(order)
     columns, ends = np.empty(starts[n], np.int32), starts[:n].copy()
     queue, seen = np.empty(n, np.int32), np.full(n, -1, np.int32)
@@ -137,8 +137,8 @@ def _columns(neighbour_starts, neighbours, order, rank, fill, starts):
 
 @njit(cache=True)
 def _reach(column, neighbour_starts, neighbours, order, rank, fill, seen, queue):
-    """Write the ranks that at most ``fill`` points of lower rank separate from ``column`` to ``queue``; how many."""
-    # The search goes on from ranks below ``column`` only.
+    """Write the ranks separated from ``column`` by at most ``fill`` points of lower rank to ``queue``; their number."""
+    # The search continues only from ranks below ``column``.
     seen[column], queue[0] = column, column
     first, last = 0, 1
     for _ in range(fill + 1):  # step 1
@@ -159,8 +159,8 @@ def incomplete_factor(
     matrix: BlockMatrix, pattern: IncompletePattern, shift: float, dtype: DTypeLike = np.float32
 ) -> IncompleteFactor:
     """Factor a matrix incompletely on a pattern."""
-    # The diagonal blocks are taken 1 + ``shift`` times. If a pivot is not positive in spite of that, all is done again
-    # with a larger shift.
+    # The diagonal blocks are multiplied by 1 + ``shift``. If a pivot is still not positive, everything is repeated with
+    # a larger shift.
     lower, diagonal = np.empty((len(pattern.columns), 3, 3), dtype), np.empty((len(pattern.order), 3, 3))
     source = matrix.pattern.indptr, matrix.pattern.indices, matrix.data
     breakdowns: list[tuple[float, int]] = []
@@ -180,7 +180,7 @@ def incomplete_factor(
 
 @njit(cache=True, nogil=True)
 def _place_blocks(indptr, indices, data, rank, starts, columns, scale, lower, diagonal):
-    """Put the blocks at their places in the order of elimination, the diagonal ones scaled."""
+    """Put the blocks at their positions in the order of elimination, with scaled diagonal ones."""
     for point in range(len(rank)):
         last = indptr[point + 1] - 1
         diagonal[rank[point]] = scale * data[last]
@@ -196,10 +196,10 @@ def _place_blocks(indptr, indices, data, rank, starts, columns, scale, lower, di
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _factorize(starts, columns, lower, diagonal):
-    """Factor row by row in place, diagonal blocks into their inverses: how many pivots are not positive, first row."""
+    """Factor row by row in place, inverting diagonal blocks; number of non-positive pivots, and the first row."""
     # With S = L D, row i of an incomplete factorisation by rows (the order that Saad, Iterative Methods for Sparse
     # Linear Systems, 2nd ed., section 10.3, calls IKJ), for every entry j of its pattern, ascending:
-    # 1. ``S_ij = A_ij - sum_k S_ik L_jk^T``, over the k < j where both rows have an entry: fill elsewhere is dropped.
+    # 1. ``S_ij = A_ij - sum_k S_ik L_jk^T``, over k < j where both rows have an entry: fill elsewhere is dropped.
     # 2. ``L_ij = S_ij D_j^-1``.
     # 3. ``D_i = A_ii - sum_j L_ij S_ij^T``.
     n, n_failed, first_failed = len(starts) - 1, 0, -1
@@ -237,7 +237,7 @@ def _subtract_product(block, scaled, lower):
 
 @njit(cache=True, nogil=True)
 def _divide(scaled, inverse, block, diagonal):
-    """Block of L from the same times D, and what it takes from the diagonal."""
+    """Block of L from the same times D, and its contribution to the diagonal."""
     for a in range(3):
         l_0 = scaled[a, 0] * inverse[0, 0] + scaled[a, 1] * inverse[1, 0] + scaled[a, 2] * inverse[2, 0]
         l_1 = scaled[a, 0] * inverse[0, 1] + scaled[a, 1] * inverse[1, 1] + scaled[a, 2] * inverse[2, 1]

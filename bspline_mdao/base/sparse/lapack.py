@@ -1,7 +1,7 @@
-"""SciPy's BLAS and LAPACK, callable from compiled kernels that hold no lock and are kept on disk.
+"""SciPy's BLAS and LAPACK, callable from compiled kernels that hold no lock and are cached on disk.
 
-A kernel that refers to a function by its address cannot be kept from one process to the next. Here the address is an
-ordinary number that the kernel is given; `call` turns it into a call of a Fortran routine.
+A kernel that refers to a function by its address cannot be cached between processes. Here the address is an ordinary
+number passed to the kernel; `call` turns it into a call of a Fortran routine.
 
 Theory: ``docs/theory/sparse.rst``.
 """
@@ -39,7 +39,7 @@ LOWER, NOT_UNIT, LEFT, RIGHT, TRANSPOSED, NOT_TRANSPOSED = (np.uint8(ord(letter)
 
 
 class Routines(NamedTuple):
-    """Addresses of the routines that a Cholesky factorisation needs."""
+    """Addresses of the routines for a Cholesky factorisation."""
 
     potrf: int
     trsm: int
@@ -51,7 +51,7 @@ class Routines(NamedTuple):
 
 @functools.cache  # looked up once: a small substitution takes no longer than the look-up
 def routines(dtype: DTypeLike) -> Routines:
-    """Routines for real numbers of this precision, single or double."""
+    """Routines for real numbers of a precision, single or double."""
     letter = "s" if np.dtype(dtype) == np.float32 else "d"
     potrf = get_cython_function_address("scipy.linalg.cython_lapack", f"{letter}potrf")
     names = ("trsm", "syrk", "gemm", "trsv", "gemv")
@@ -62,8 +62,8 @@ def routines(dtype: DTypeLike) -> Routines:
 @intrinsic
 def call(typing_context, address, arguments):
     """Call the Fortran routine at an address: ``call(address, (LOWER, n, array, n, info))``."""
-    # Everything goes by reference: numpy characters (uint8), integers (as 32-bit ones), real numbers, and arrays, of
-    # which the address of the first entry is passed.
+    # Everything is passed by reference: numpy characters (uint8), integers (as 32-bit ones), real numbers, and arrays,
+    # as the address of the first entry.
     signature = types.void(types.intp, arguments)
 
     def generate(

@@ -1,7 +1,7 @@
 """Numeric Cholesky factorisation, front by front, and the solution of the two triangular systems.
 
-See `.fronts` for the storage. Small fronts are factored whole, by the thread that has their task (`factorize`); large
-ones by tiles, on several threads (`rounds`). Arithmetic is in the precision of the factor.
+See `.fronts` for the storage. Small fronts are factored whole, by their task's thread (`factorize`); large ones by
+tiles, on several threads (`rounds`). Arithmetic is in the precision of the factor.
 
 Theory: ``docs/theory/sparse.rst``, "Fronts".
 """
@@ -31,11 +31,11 @@ def factorize(
     routines,  # Routines, of the precision of the factor
     data,  # (n_blocks, 3, 3), blocks of the matrix
     factor,  # (n_factor,), the panels, to be filled
-    # the updates that other tasks use, and room for the others
+    # the updates used by other tasks, and space for the others
     kept,  # (n_kept,)
     scratch,  # (n_scratch,)
-):  # int, place of the first point whose pivot is not positive and finite, or -1
-    """Factor the fronts ``first <= supernode < last``, of which all earlier descendants are done [1] [2]."""
+):  # int, position of the first point whose pivot is not positive and finite, or -1
+    """Factor the fronts ``first <= supernode < last``, whose earlier descendants are all done [1] [2]."""
     # With the front F in pieces as in `.fronts`, for each in turn:
     # 1. Assemble F: blocks of the matrix, and the updates of the children ("extend-add").
     # 2. Factor its own columns, ``F_11 = L_11 L_11^T`` (potrf).
@@ -94,7 +94,7 @@ def _assemble(s, first, last, supernodes, fronts, data, factor, kept, scratch):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _extents(s, supernodes):
-    """Scalar columns of a front that are its own, and the others."""
+    """Numbers of a front's own scalar columns, and of the others."""
     size, n_rows = (
         supernodes.firsts[s + 1] - supernodes.firsts[s],
         supernodes.row_starts[s + 1] - supernodes.row_starts[s],
@@ -104,7 +104,7 @@ def _extents(s, supernodes):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _update_of(start, n_rows, kept, scratch):
-    """The update of so many scalar rows that starts at a place, see `Fronts`."""
+    """The update of ``n_rows`` scalar rows that begins at ``start``, see `Fronts`."""
     if start < 0:
         return scratch[~start : ~start + n_rows * n_rows]
     return kept[start : start + n_rows * n_rows]
@@ -112,7 +112,7 @@ def _update_of(start, n_rows, kept, scratch):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _first_unusable(panel, n, n_pivots):
-    """First column whose pivot is not a positive finite number, which LAPACK may let pass; -1 if there is none."""
+    """First column whose pivot is not a positive finite number, which LAPACK may accept; -1 if there is none."""
     for column in range(n_pivots):
         if not 0.0 < panel[column * n + column] < np.inf:
             return column
@@ -135,7 +135,7 @@ def _add_blocks(s, low, high, fronts, data, panel, n):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_update(positions, first, last, child, panel, n, n_pivots, update, n_rest):
-    """Add what the update of a child has for the points ``first <= point < last`` to the two pieces of a front."""
+    """Add a child's update for the points ``first <= point < last`` to the two pieces of a front."""
     n_child = 3 * len(positions)
     for j in range(len(positions)):
         if not first <= positions[j] < last:
@@ -169,21 +169,21 @@ TILE = 192
 def rounds(
     s: int,  # the supernode
     # supernodes, fronts, routines, data, factor, kept: as for `bspline_mdao.base.sparse.multifrontal.factorize`; the
-    # updates of the children are among those kept
+    # updates of the children are among the kept ones
     supernodes: Supernodes,
     fronts: Fronts,
     routines: Routines,
     data: np.ndarray,
     factor: np.ndarray,
     kept: np.ndarray,
-    # (n_supernodes,) of int, place of the first point of each supernode whose pivot is not positive and finite; left
-    # alone where all are
+    # (n_supernodes,) of int, position of the first point of each supernode whose pivot is not positive and finite;
+    # unchanged if all are
     failed: np.ndarray,
 ) -> Iterator[list[Callable[[], None]]]:
     """Yield the tasks of every round of a large front whose children are done, for several threads."""
     # Columns and rows of the front are cut at multiples of `TILE` and where its own columns end. Each *round* is a set
-    # of tasks that can be done at the same time; every tile is touched by one task of a round, so that the order of all
-    # sums, hence every bit of the result, is the same for any number of threads. Steps are those of `factorize`:
+    # of tasks that can run at the same time; every tile is touched by one task of a round, so the order of all sums,
+    # hence every bit of the result, is the same for any number of threads. Steps are as in `factorize`:
     #
     # round          step  tasks
     # assembly       1     one for each column of tiles: blocks of the matrix and updates of the children
@@ -238,7 +238,7 @@ def _pairs(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _pivot(routines, panel, n, first, last):
-    """Factor a diagonal tile of a panel of ``n`` rows; the first column that is unusable, or -1."""
+    """Factor a diagonal tile of a panel of ``n`` rows; return the first unusable column, or -1."""
     info = np.zeros(1, np.int32)
     tile = panel[first * n + first :]
     call(routines.potrf, (LOWER, last - first, tile, n, info))
@@ -256,7 +256,7 @@ def _divide(routines, panel, n, first, last, row, end):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _subtract(routines, panel, n, first, last, rows, columns, target, n_target, is_new):
-    """Subtract the product of two sets of rows of a panel from a target of ``n_target`` rows, or put it there."""
+    """Subtract the product of two sets of rows of a panel from a target of ``n_target`` rows, or store it there."""
     signs = np.array([-1.0, 0.0 if is_new else 1.0]).astype(panel.dtype)
     n_rows, n_columns, width = rows[1] - rows[0], columns[1] - columns[0], last - first
     left, right = panel[first * n + rows[0] :], panel[first * n + columns[0] :]
@@ -293,11 +293,11 @@ def solve_forward(
     panel_starts,  # ndarray of int64, see `Fronts`
     routines,  # Routines, of the precision of the factor
     factor,  # (n_factor,), the panels, as `factorize` left them
-    # right-hand sides in the order of elimination, of the precision of the factor; those of these fronts are used up
+    # right-hand sides in the order of elimination, in the precision of the factor; overwritten for these fronts
     x,  # (3 n, m)
-    later,  # (3 (n - firsts[last]), m), what is to be subtracted from the right-hand sides of later fronts; added to
+    later,  # (3 (n - firsts[last]), m), accumulates what must be subtracted from the right-hand sides of later fronts
 ):
-    """Solve with the factor, as far as the fronts ``first <= supernode < last`` go, in place."""
+    """Solve with the factor for the fronts ``first <= supernode < last``, in place."""
     signs, rest = _signs_and_rest(first, last, row_starts, factor, x)
     for s in range(first, last):
         front_rows = rows[row_starts[s] : row_starts[s + 1]]
@@ -315,7 +315,7 @@ def solve_forward(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def solve_backward(first, last, firsts, row_starts, rows, panel_starts, routines, factor, x):
-    """Solve with the transpose of the factor, when all later fronts are done; see `solve_forward`."""
+    """Solve with the transpose of the factor, after all later fronts are done; see `solve_forward`."""
     signs, rest = _signs_and_rest(first, last, row_starts, factor, x)
     for s in range(last - 1, first - 1, -1):
         front_rows = rows[row_starts[s] : row_starts[s + 1]]
@@ -329,7 +329,7 @@ def solve_backward(first, last, firsts, row_starts, rows, panel_starts, routines
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _signs_and_rest(first, last, row_starts, factor, x):
-    """The numbers -1, 0 and 1 in the precision of the factor, and room for the rows of any of these fronts."""
+    """The numbers -1, 0 and 1 in the precision of the factor, and space for the rows of any of these fronts."""
     n_rows = 0
     for s in range(first, last):
         n_rows = max(n_rows, row_starts[s + 1] - row_starts[s])
@@ -338,7 +338,7 @@ def _signs_and_rest(first, last, row_starts, factor, x):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _forward(routines, panel, eliminated, rest, n_rest, signs):
-    """``own = L_11^-1 eliminated`` and ``rest = L_21 eliminated``; BLAS takes the rows of several sides for columns."""
+    """``own = L_11^-1 eliminated`` and ``rest = L_21 eliminated``; BLAS treats the rows of several sides as columns."""
     n_pivots, m = eliminated.shape
     n, below, zero, one, step = n_pivots + n_rest, panel[n_pivots:], signs[1:2], signs[2:3], 1
     if m == 1:

@@ -1,4 +1,4 @@
-"""Fill-reducing orders of elimination: minimum degree for small graphs, nested dissection for the others.
+"""Fill-reducing orders of elimination: minimum degree for small graphs, nested dissection for others.
 
 Theory: ``docs/theory/sparse.rst``, "Order of elimination".
 """
@@ -17,11 +17,11 @@ __all__ = ["_minimum_degree_of_piece", "fill_reducing_order", "minimum_degree", 
 
 
 LARGEST_FOR_MINIMUM_DEGREE = 4000
-"""Graphs of at most so many points are ordered by SciPy's minimum degree. It fills the factor 1.1 to 1.3 times as much,
-which costs less there than it takes to dissect the graph, and nothing is to be compiled for it."""
+"""Graphs of at most this many points are ordered by SciPy's minimum degree. It fills the factor 1.1 to 1.3 times as
+much, which costs less than dissecting such a graph, and needs no compilation."""
 
 N_LEAF = 100
-"""Pieces of at most so many points are not cut any more: minimum degree does them better, and as fast."""
+"""Pieces of at most this many points are not cut further: minimum degree orders them better, and as fast."""
 
 
 def fill_reducing_order(
@@ -41,8 +41,8 @@ def nested_dissection(
 ) -> np.ndarray:  # int32 (n,), points in the order of their elimination
     """Order the points of a graph by nested dissection [1]."""
     # 1. Cut the graph in two by a separator.
-    # 2. Number the points of the separator last, and those of each side, in one piece, before them: eliminating one
-    #    side does not touch the other.
+    # 2. Number the points of the separator last, and the points of each side, contiguously, before them: eliminating
+    #    one side does not affect the other.
     # 3. Treat each side in the same way; order pieces of at most `N_LEAF` points by minimum degree.
     # - [1] A. George, "Nested dissection of a regular finite element mesh", SIAM J. Numer. Anal. 10 (1973), 345-363.
     n = len(starts) - 1
@@ -70,7 +70,7 @@ def nested_dissection(
 
 @njit(cache=True)
 def _subgraph(starts, neighbours, edge_weights, points, place):
-    """Graph of some points alone; ``place`` is -1 everywhere, and again afterwards."""
+    """Graph of only some points; ``place`` is -1 everywhere before and after."""
     for number in range(len(points)):
         place[points[number]] = number
     n_edges = 0
@@ -95,8 +95,8 @@ def minimum_degree(
     starts: np.ndarray,  # int
     neighbours: np.ndarray,  # int
 ) -> np.ndarray:  # int32 (n,), points in the order of their elimination
-    """Order the points of a graph by multiple minimum degree [1], as SuperLU in SciPy has it."""
-    # SuperLU tells the order with a factor alone. Its incomplete factor without any fill is the cheapest one.
+    """Order the points of a graph by multiple minimum degree [1], as in SciPy's SuperLU."""
+    # SuperLU returns the order only with a factor. Its incomplete factor without fill is the cheapest one.
     # - [1] J. W. H. Liu, "Modification of the minimum-degree algorithm by multiple elimination", ACM Trans. Math.
     #   Softw. 11 (1985), 141-153.
     n = len(starts) - 1
@@ -123,8 +123,8 @@ def _minimum_degree_of_piece(
     points,  # int32 (m,), points to order
     place,  # int32 (n,), -1 everywhere; used and restored
 ):  # int32 (m,), the points in the order of their elimination
-    """Order a small piece of a graph by minimum degree, with its surroundings taken into account."""
-    # Points outside count as neighbours but are never eliminated: they are those of separators, which come later.
+    """Order a small piece of a graph by minimum degree, taking its surroundings into account."""
+    # Points outside count as neighbours but are never eliminated: they belong to separators, which come later.
     m = len(points)
     around = _number_with_surroundings(starts, neighbours, points, place)
     bits = np.zeros((m, (len(around) + 63) // 64), np.uint64)
@@ -138,7 +138,7 @@ def _minimum_degree_of_piece(
 
 @njit(cache=True)
 def _number_with_surroundings(starts, neighbours, points, place):
-    """Number the points and then those around them; return all in that order."""
+    """Number the points and then their surroundings; return all in that order."""
     n = len(points)
     n_most = n
     for point in points:
@@ -160,9 +160,9 @@ def _number_with_surroundings(starts, neighbours, points, place):
 def _eliminate(bits):
     """Order of elimination of the rows of a symmetric pattern; the pattern is overwritten."""
     # The neighbours of every point are a set of bits. As long as points are left [1]:
-    # 1. Take the one of least degree, its number of neighbours, for the next pivot; the first of several.
+    # 1. Take the one of least degree, its number of neighbours, as the next pivot; the first of several.
     # 2. Eliminate it: its neighbours become neighbours of each other.
-    # 3. Count the neighbours of these anew.
+    # 3. Recount the neighbours of these.
     # - [1] A. George, J. W. H. Liu, "The evolution of the minimum degree ordering algorithm", SIAM Review 31 (1989),
     #   1-19.
     m = len(bits)
@@ -192,7 +192,7 @@ def _has(bits, number):
 
 @njit(cache=True)
 def _clear(bits, number):
-    """Take a number out of a set."""
+    """Remove a number from a set."""
     bits[number // 64] &= ~(np.uint64(1) << np.uint64(number % 64))
 
 

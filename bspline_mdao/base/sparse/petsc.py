@@ -1,8 +1,8 @@
-"""Solvers of PETSc, where petsc4py is installed: a multigrid and a direct one, on one process or on many.
+"""PETSc solvers, if petsc4py is installed: a multigrid and a direct one, on one process or many.
 
-`PetscMultigrid` is for meshes whose factors do not fit, `PetscCholesky` for factors that are spread over processes.
-With a communicator each process hands over the rows that it owns, a `DistributedPattern`, and every one of them gets
-the whole solution, with the same bits. Right-hand sides are given as a whole, too.
+`PetscMultigrid` is for meshes whose factors do not fit in memory, `PetscCholesky` for factors distributed over
+processes. With a communicator each process passes its own rows, a `DistributedPattern`, and every process gets the
+whole solution, with the same bits. Right-hand sides are also passed as a whole.
 
 Theory: ``docs/theory/sparse_parallel.rst``.
 """
@@ -45,45 +45,45 @@ MULTIGRID = {
     "pc_hypre_boomeramg_relax_type_down": "l1-Gauss-Seidel",
     "pc_hypre_boomeramg_relax_type_up": "backward-l1-Gauss-Seidel",
 }
-"""Options of BoomerAMG: of those that were tried, the least time on grids with boundary layers."""
+"""Options of BoomerAMG: the fastest of those tried on grids with boundary layers."""
 
 STRONG_THRESHOLD = "pc_hypre_boomeramg_strong_threshold"
 """Name of an option of BoomerAMG."""
 
 CHOLESKY = {"pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_14": 50}
-"""Options of MUMPS: half as much memory again as it estimates, for pivots that it delays."""
+"""Options of MUMPS: 50 % more memory than it estimates, for delayed pivots."""
 
 NOT_DEFINITE = (-10, -40)
-"""Errors of MUMPS for a pivot that is zero, or negative where it is not counted."""
+"""MUMPS errors for a zero pivot, or a negative one if not counted."""
 
 N_NEGATIVE, TOTAL_MEGABYTES = 12, 22
-"""Places, from 1, of negative pivots and of the memory of all processes in MUMPS's list of global information."""
+"""Positions, from 1, of the number of negative pivots and of the total memory in MUMPS's global information."""
 
 PREFIX = "bspline_mdao_"
-"""Of options in PETSc's database, which come before those above, such as ``-bspline_mdao_pc_hypre_boomeramg_P_max 6``
-in the environment variable PETSC_OPTIONS."""
+"""Prefix of options in PETSc's database, which override the ones above, such as
+``-bspline_mdao_pc_hypre_boomeramg_P_max 6`` in the environment variable PETSC_OPTIONS."""
 
 
 @dataclass(frozen=True)
 class PetscMultigrid(OneLine):
-    """Conjugate gradients preconditioned with the algebraic multigrid of hypre, BoomerAMG; needs the package petsc4py.
+    """Conjugate gradients preconditioned with hypre's algebraic multigrid, BoomerAMG; needs the package petsc4py.
 
-    Its iterations hardly grow with the mesh, and its memory is proportional to the number of points: for meshes whose
-    Cholesky factor does not fit, as where all nodes of a grid are moved. The multigrid is that of the three components
-    of the displacement by themselves [Blaheta, Displacement decomposition (1994)]: a third of the entries, and half of
-    the time of a coupled one where Poisson's ratio is far from 0.5.
+    The number of iterations hardly grows with the mesh, and memory is proportional to the number of points: for meshes
+    whose Cholesky factor does not fit in memory, for example if all nodes of a grid are moved. The multigrid treats the
+    three displacement components separately [Blaheta, Displacement decomposition (1994)]: a third of the entries, and
+    half the time of a coupled one if Poisson's ratio is far from 0.5.
 
     Parameters
     ----------
     comm : communicator of mpi4py, optional
-        Processes that share rows and work; by default this one alone.
+        Processes that share rows and work; by default only this one.
     tolerance : float, optional
-        Residual to reach in the 2-norm, relative to the right-hand side, or what rounding leaves if that is more.
+        Residual to reach in the 2-norm, relative to the right-hand side, or the rounding level if that is higher.
     max_iterations : int, optional
         Iterations after which to give up.
     strong_threshold : float, optional
-        Part of the largest coupling of an unknown from which another one is strong: elements much longer than high
-        want a large one.
+        Fraction of an unknown's largest coupling above which another coupling is strong: elements much longer than high
+        need a large value.
 
     Examples
     --------
@@ -116,8 +116,8 @@ class PetscMultigridAnalysis(OneLine):
     """A pattern, with the settings of the solver."""
 
     settings: PetscMultigrid
-    pattern: BlockPattern  # what was given
-    distributed: DistributedPattern  # the same, as what a process holds
+    pattern: BlockPattern  # as given
+    distributed: DistributedPattern  # the same, as one process's part
 
     def factorize(self, matrix: BlockMatrix) -> PetscMultigridFactor:
         """Set up the multigrid of a matrix of the pattern; `MovementError` if its diagonal is not positive."""
@@ -130,9 +130,9 @@ class PetscMultigridAnalysis(OneLine):
 
 
 class _Factor:
-    """What factors and multigrids share: one right-hand side of own rows goes through PETSc's preconditioner."""
+    """Common base of factors and multigrids: apply PETSc's preconditioner to one right-hand side of own rows."""
 
-    # A leaf has the fields ``distributed``, ``matrix`` and ``inner``, a petsc4py.PETSc.PC.
+    # Subclasses have the fields ``distributed``, ``matrix`` and ``inner``, a petsc4py.PETSc.PC.
 
     distributed: DistributedPattern
     matrix: BlockMatrix
@@ -173,12 +173,12 @@ class PetscMultigridFactor(_Factor):
 
     @property
     def cancellation(self) -> float:
-        """Counterpart of `CholeskyFactor.cancellation`, from the tolerance: more digits take a smaller one."""
+        """Counterpart of `CholeskyFactor.cancellation`, from the tolerance: more digits need a smaller one."""
         return self.settings.tolerance / np.finfo(float).eps
 
     def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
         """Solve for a right-hand side of all rows, shape (n, 3) or (n, 3, m); with ``matrix`` instead, if given."""
-        # Every process gives the same and gets the whole solution.
+        # Every process passes the same data and gets the whole solution.
         settings, matrix = self.settings, self.matrix if matrix is None else matrix
         return self._iterated(right, matrix, tolerance=settings.tolerance, max_iterations=settings.max_iterations)
 
@@ -187,13 +187,13 @@ class PetscMultigridFactor(_Factor):
 class PetscCholesky(OneLine):
     """Cholesky factor by MUMPS, distributed over the processes of a communicator; needs the package petsc4py.
 
-    On one process `Cholesky` takes no more time and less memory; this one is for factors that are too large for one.
-    It tells nothing of its accuracy, so that movers refine what it solves.
+    On one process `Cholesky` is at least as fast and takes less memory; this solver is for factors too large for one
+    process. It does not report its accuracy, so movers refine its solutions.
 
     Parameters
     ----------
     comm : communicator of mpi4py, optional
-        Processes that share rows and work; by default this one alone.
+        Processes that share rows and work; by default only this one.
 
     Examples
     --------
@@ -215,7 +215,7 @@ class PetscCholesky(OneLine):
     def analyze(self, pattern: BlockPattern, points: np.ndarray) -> PetscCholeskyAnalysis:
         """Find the full rows of a pattern; the points are not used. `InputError` where petsc4py is not installed.
 
-        MUMPS itself analyses the pattern again with every matrix.
+        MUMPS itself analyses the pattern again for every matrix.
         """
         _petsc()
         distributed = DistributedPattern.whole(pattern)
@@ -224,10 +224,10 @@ class PetscCholesky(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class PetscCholeskyAnalysis(OneLine):
-    """A pattern, of which MUMPS keeps nothing."""
+    """A pattern; MUMPS keeps no analysis of it."""
 
-    pattern: BlockPattern  # what was given
-    distributed: DistributedPattern  # the same, as what a process holds
+    pattern: BlockPattern  # as given
+    distributed: DistributedPattern  # the same, as one process's part
     full: FullRows
 
     def factorize(self, matrix: BlockMatrix) -> PetscCholeskyFactor:
@@ -253,7 +253,7 @@ class PetscCholeskyAnalysis(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class PetscCholeskyFactor(_Factor):
-    """The part of a factor by MUMPS that is on this process."""
+    """Part of a MUMPS factor on this process."""
 
     distributed: DistributedPattern
     matrix: BlockMatrix
@@ -261,18 +261,18 @@ class PetscCholeskyFactor(_Factor):
 
     @property
     def n_bytes(self) -> int:
-        """Memory that MUMPS takes on all processes together (bytes), in whole megabytes."""
+        """Memory of MUMPS on all processes together (bytes), in whole megabytes."""
         return 1_000_000 * int(self.inner.getFactorMatrix().getMumpsInfog(TOTAL_MEGABYTES))
 
     @property
     def cancellation(self) -> float:
-        """Infinite: this engine does not tell; see `CholeskyFactor.cancellation`."""
+        """Infinite, since MUMPS does not report it; see `CholeskyFactor.cancellation`."""
         return np.inf
 
     def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
         """Solve for a right-hand side of all rows, shape (n, 3) or (n, 3, m)."""
-        # With another matrix by conjugate gradients, with this factor as the preconditioner. Every process gives the
-        # same and gets the whole solution.
+        # With another matrix, conjugate gradients use this factor as the preconditioner. Every process passes the same
+        # data and gets the whole solution.
         if matrix is not None and matrix is not self.matrix:
             return self._iterated(right, matrix)
         began, distributed = working_seconds(), self.distributed
@@ -294,7 +294,7 @@ class PetscCholeskyFactor(_Factor):
 
 @dataclass(frozen=True, eq=False)
 class _Exchange:
-    """Values of the rows of others from those of own ones, by a vector of PETSc with ghosts."""
+    """Values of the rows of others from own values, by a PETSc vector with ghosts."""
 
     vector: Any
     n_owned: int
@@ -318,24 +318,24 @@ def has_petsc() -> bool:
 
 
 def _petsc() -> Any:
-    """Module PETSc of petsc4py; `InputError` where it is not installed."""
+    """Module PETSc of petsc4py; `InputError` if it is not installed."""
     return library("petsc4py.PETSc", "PETSc needs petsc4py", "mpi", "use Cholesky()")
 
 
 def _petsc_comm(comm: Any) -> Any:
-    """Communicator for PETSc: this process alone where there is one."""
+    """Communicator for PETSc: only this process if there is just one."""
     return _petsc().COMM_SELF if comm is None or comm.size == 1 else comm
 
 
 def _clean_comm(comm: Any) -> Any:
-    """Communicator for PETSc, after it has freed what is no more: for several processes, PETSc waits to be told."""
+    """Communicator for PETSc, after freeing deleted objects: with several processes, PETSc must be told to."""
     comm = _petsc_comm(comm)
     _petsc().garbage_cleanup(comm)
     return comm
 
 
 def _preconditioner(operator: Any, comm: Any, options: dict) -> Any:
-    """Preconditioner of PETSc of an operator; options of the user's come before those given."""
+    """PETSc preconditioner of an operator; the user's options override the given ones."""
     preconditioner, database = _petsc().PC().create(comm), _petsc().Options(PREFIX)
     ours = {name: value for name, value in options.items() if not database.hasName(name)}
     for name, value in ours.items():
@@ -350,12 +350,12 @@ def _preconditioner(operator: Any, comm: Any, options: dict) -> Any:
 
 
 def _on(comm: Any) -> str:
-    """What a solver's name says of its processes."""
+    """Part of a solver's name that describes its processes."""
     return "" if comm is None or comm.size == 1 else f" on {comm.size} processes"
 
 
 def _vector(distributed: DistributedPattern, values: np.ndarray) -> Any:
-    """Vector of PETSc in the memory of own values, shape (n_owned, 3)."""
+    """PETSc vector in the memory of own values, shape (n_owned, 3)."""
     return (
         _petsc()
         .Vec()
@@ -364,7 +364,7 @@ def _vector(distributed: DistributedPattern, values: np.ndarray) -> Any:
 
 
 def _operator(full: FullRows, distributed: DistributedPattern, matrix: BlockMatrix, comm: Any) -> Any:
-    """The couplings of each component with itself, as a matrix of hypre; nothing of it is there twice at the end."""
+    """The couplings of each component with itself, as a hypre matrix, without a copy in the end."""
     petsc = _petsc()
     with together(distributed.comm):
         _require_room(3 * len(full.columns), "multigrid")
@@ -379,7 +379,7 @@ def _operator(full: FullRows, distributed: DistributedPattern, matrix: BlockMatr
 
 
 def _upper_rows_matrix(full: FullRows, distributed: DistributedPattern, matrix: BlockMatrix, comm: Any) -> Any:
-    """The upper triangle, by rows, as PETSc and MUMPS want it of a symmetric matrix."""
+    """The upper triangle by rows, as PETSc and MUMPS need it for a symmetric matrix."""
     petsc = _petsc()
     with together(distributed.comm):
         _require_room(9 * len(full.columns), "MUMPS")
@@ -392,13 +392,13 @@ def _upper_rows_matrix(full: FullRows, distributed: DistributedPattern, matrix: 
 
 
 def _sizes(distributed: DistributedPattern) -> tuple[tuple[int, int | None], tuple[int, int | None]]:
-    """Sizes of a matrix for PETSc: own rows and all, and the same of columns."""
+    """Sizes of a matrix for PETSc: own and all rows, and the same for columns."""
     size = (3 * distributed.n_owned, 3 * int(distributed.starts[-1]))
     return size, size
 
 
 def _require_room(n_entries: int, what: str) -> None:
-    """Refuse more entries on one process than the integers of PETSc can count."""
+    """Refuse more entries on one process than PETSc's integers can count."""
     if n_entries > np.iinfo(_petsc().IntType).max:
         raise InputError(
             f"{what}: {n_entries:,} entries on one process are more than this PETSc can count; take more processes, "
@@ -407,7 +407,7 @@ def _require_room(n_entries: int, what: str) -> None:
 
 
 def _require_definite(distributed: DistributedPattern, matrix: BlockMatrix, values: np.ndarray, what: str) -> None:
-    """Refuse entries that are not finite and diagonals that are not positive, which these engines do not look for."""
+    """Refuse entries that are not finite and diagonals that are not positive, which these solvers do not check."""
     diagonal = np.einsum("ncc->nc", matrix.data[distributed.indptr[1 : distributed.n_owned + 1] - 1])
     if np.isfinite(values.sum()) and (diagonal > 0.0).all():
         return

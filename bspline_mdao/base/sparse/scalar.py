@@ -1,7 +1,7 @@
 """Factors of sparse symmetric positive definite matrices of scalars, by SuperLU.
 
-They serve fields whose components do not meet: a ninth of the numbers of 3 x 3 blocks of the same points. Rows come in
-the order of their elimination.
+They are for fields with uncoupled components: a ninth of the numbers of 3 x 3 blocks for the same points. Rows must be
+in the order of elimination.
 
 X. S. Li, "An overview of SuperLU: algorithms, implementation, and user interface", ACM Transactions on Mathematical
 Software 31, 2005, pp. 302-325.
@@ -29,7 +29,7 @@ EPSILON = float(np.finfo(float).eps)
 
 @dataclass(frozen=True)
 class ScalarCholesky:
-    """What makes the factors: no stage of it depends on the pattern alone."""
+    """Maker of the factors; no stage depends on the pattern only."""
 
     def factorize(self, matrix: csc_array) -> ScalarFactor:
         """Factor a matrix."""
@@ -41,12 +41,12 @@ class ScalarCholesky:
 
 @dataclass(frozen=True, eq=False)
 class ScalarFactor:
-    """Factors of the pieces of a matrix of scalars that do not meet; equal pieces share one."""
+    """Factors of the uncoupled pieces of a scalar matrix; equal pieces share one."""
 
-    matrix: csc_array  # (n, n), what is factored
+    matrix: csc_array  # (n, n), the factored matrix
 
     def __reduce__(self) -> tuple[type[ScalarFactor], tuple[csc_array]]:
-        """Leave the factors behind: SuperLU cannot be pickled."""
+        """Drop the factors: SuperLU cannot be pickled."""
         return ScalarFactor, (self.matrix,)
 
     @cached_property
@@ -62,8 +62,8 @@ class ScalarFactor:
 
     @cached_property
     def cancellation(self) -> float:
-        """Relative error of a solution by the unit round-off."""
-        # It is measured, on a solution that is known: SuperLU shows its pivots in copies of the whole factor alone.
+        """Relative error of a solution, in units of the unit round-off."""
+        # It is measured on a known solution: SuperLU exposes its pivots only in copies of the whole factor.
         known = np.random.default_rng(0).standard_normal(self.matrix.shape[0])
         error = np.abs(self._solved(self.matrix @ known) - known).max(initial=0.0)
         return float(error / np.abs(known).max(initial=EPSILON) / EPSILON)
@@ -85,7 +85,7 @@ class ScalarFactor:
 
 
 def _factored(matrix: csc_array) -> SuperLU:
-    """Factor of a matrix in the order in which it is."""
+    """Factor of a matrix in its given order."""
     try:
         return splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError as error:

@@ -1,6 +1,6 @@
-"""Symmetric positive definite systems of scalars by the Cholesky factor of blocks: three unknowns make one.
+"""Symmetric positive definite scalar systems by the block Cholesky factor: three unknowns form a block.
 
-Unknowns that are numbered one after the other should be neighbours, so that blocks are full.
+Consecutively numbered unknowns should be neighbours, so that blocks are full.
 
 Theory: ``docs/theory/sparse.rst``.
 """
@@ -20,7 +20,7 @@ __all__ = ["ScalarBlocksFactor", "factorize_scalars"]
 
 @dataclass(frozen=True, eq=False)
 class ScalarBlocksFactor:
-    """Factor of a matrix of scalars. Made by `factorize_scalars`."""
+    """Factor of a scalar matrix. Made by `factorize_scalars`."""
 
     n: int  # number of unknowns
     factor: CholeskyFactor  # of blocks, the last of which may be padded
@@ -43,7 +43,7 @@ def factorize_scalars(matrix: csr_array, n_threads: int | None = None) -> Scalar
     is_lower = blocks.indices <= rows
     counts = np.bincount(rows[is_lower], minlength=blocks.shape[0] // 3)
     pattern = BlockPattern(np.concatenate([[0], np.cumsum(counts)]), blocks.indices[is_lower].astype(np.int32))
-    points = np.zeros((pattern.n, 3))  # the order comes from the graph alone
+    points = np.zeros((pattern.n, 3))  # the order comes only from the graph
     analysis = Cholesky(n_threads=n_threads).analyze(pattern, points)
     data = np.ascontiguousarray(blocks.data[is_lower])
     return ScalarBlocksFactor(matrix.shape[0], analysis.factorize(BlockMatrix(pattern, data)))

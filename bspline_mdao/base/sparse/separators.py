@@ -18,23 +18,24 @@ __all__ = ["SEPARATOR", "coarsen", "common_neighbours", "find_separator", "impro
 SEPARATOR = np.int8(2)
 
 N_COARSEST = 80
-"""Points at which coarsening ends."""
+"""Number of points at which coarsening ends."""
 
 N_STARTS = 4
-"""Separators that are grown on the coarsest graph."""
+"""Number of separators grown on the coarsest graph."""
 
 LARGEST_SIDE = 0.58
-"""Largest part of the weight that one side may have. Even cuts make a flat elimination tree; a little room lets the
+"""Largest fraction of the weight on one side. Even cuts make a flat elimination tree; a little freedom lets the
 separator find a narrow place."""
 
 N_PASSES, PATIENCE, PATIENCE_COARSEST = 4, 40, 25
-"""Passes of the search at most, and moves without gain that end one, on every level and on the coarsest."""
+"""Maximum number of search passes, and number of moves without gain that end one, on every level and on the
+coarsest."""
 
 UNEVENNESS = 0.3
-"""Price of an uneven cut: a separator that leaves one side empty counts as larger by this part of itself."""
+"""Price of an uneven cut: a separator that leaves one side empty counts as larger by this fraction."""
 
 EXCESS = 4.0
-"""Price of a side that is too heavy, per weight in excess: more than any point that moves can save."""
+"""Price of a side that is too heavy, per excess weight: more than any moved point can save."""
 
 
 @njit(cache=True)
@@ -42,13 +43,13 @@ def find_separator(
     # the graph
     starts,  # ndarray of int
     neighbours,  # ndarray of int
-    edge_weights,  # ndarray of int32, how closely the ends of its edges belong together
+    edge_weights,  # ndarray of int32, how strongly the ends of its edges are coupled
 ):  # (n,), part of every point: side 0, side 1 or `SEPARATOR`. No edge joins the two sides
     """Cut a graph in two by the multilevel method [1] [2]."""
-    # 1. Coarsen: join the points in pairs, and the pairs again, until few are left.
+    # 1. Coarsen: join the points in pairs, and the pairs in turn, until few are left.
     # 2. Partition the coarsest graph: grow several separators, improve each, and take the best.
-    # 3. Uncoarsen: take the separator over to the next finer graph, where each point is in the part of its pair, and
-    #    improve it there; again, until the graph is the given one.
+    # 3. Uncoarsen: transfer the separator to the next finer graph, where each point is in the part of its pair, and
+    #    improve it there; repeat until the graph is the given one.
     # - [1] B. Hendrickson, R. Leland, "A multilevel algorithm for partitioning graphs", Proc. Supercomputing '95.
     # - [2] G. Karypis, V. Kumar, "A fast and high quality multilevel scheme for partitioning irregular graphs", SIAM J.
     #   Sci. Comput. 20 (1998), 359-392.
@@ -58,17 +59,17 @@ def find_separator(
     levels = [(starts, neighbours, weights)]
     maps = [np.empty(0, np.int32)]
     while len(weights) > N_COARSEST:  # step 1
-        heaviest_pair = 3 * n // (2 * N_COARSEST) + 1  # else a few heavy points would swallow the coarsest graph
+        heaviest_pair = 3 * n // (2 * N_COARSEST) + 1  # otherwise a few heavy points would dominate the coarsest graph
         starts, neighbours, edge_weights, weights, coarse = coarsen(
             starts, neighbours, edge_weights, weights, heaviest_pair
         )
-        if len(weights) > 0.95 * len(coarse):  # hardly any pairs are light enough: more levels would be copies
+        if len(weights) > 0.95 * len(coarse):  # hardly any pairs are light enough: further levels would be copies
             break
         levels.append((starts, neighbours, weights))
         maps.append(coarse)
     starts, neighbours, weights = levels[-1]
     parts = _best_grown(starts, neighbours, weights, heaviest)  # step 2
-    # step 3; a plain number would be a type of its own, and `improve` compiled for each
+    # step 3; a plain number would be a separate type, and `improve` compiled for each
     for level in range(len(levels) - 2, -1, -1):
         parts = parts[maps[level + 1]]
         starts, neighbours, weights = levels[level]
@@ -129,13 +130,12 @@ def coarsen(
     weights,  # ndarray of int32
     heaviest,  # int, no pair is heavier than this
 ):
-    """Join the points of a graph in pairs, each along the heaviest edge to a point that is still free."""
-    # A separator of the smaller graph is one of the graph, and moving one of its points moves many of the graph: what a
-    # local search cannot do on the graph itself, it can do there. This is the heavy-edge matching of Karypis and Kumar
-    # (1998), but for the weights of edges, see `common_neighbours`, and the fixed order of the points: nothing is
-    # random.
+    """Join the points of a graph in pairs, each along the heaviest edge to a free point."""
+    # A separator of the smaller graph is one of the graph, and moving one of its points moves many of the graph, which
+    # a local search cannot do on the graph itself. This is the heavy-edge matching of Karypis and Kumar (1998), except
+    # for the edge weights, see `common_neighbours`, and the fixed order of the points: nothing is random.
     # returns starts, neighbours, edge_weights, weights, the smaller graph
-    # returns coarse int32 (n,): its point that each point went into
+    # returns coarse int32 (n,): the coarse point of each point
     partner = _match(starts, neighbours, edge_weights, weights, heaviest)
     coarse, n_coarse = _number_pairs(partner)
     return (*_contract(starts, neighbours, edge_weights, weights, partner, coarse, n_coarse), coarse)
@@ -144,8 +144,8 @@ def coarsen(
 @njit(cache=True)
 def common_neighbours(starts, neighbours):
     """Weights of edges for the first level: one, and one for each common neighbour of the ends."""
-    # In a mesh of hexahedra this tells neighbours along a mesh line from those across a diagonal, so that the pairs,
-    # and the pairs of pairs, are boxes of the mesh.
+    # In a hexahedral mesh this distinguishes neighbours along a mesh line from diagonal ones, so that the pairs, and
+    # the pairs of pairs, are boxes of the mesh.
     weights, seen_by = np.ones(len(neighbours), np.int32), np.full(len(starts) - 1, -1, np.int32)
     for point in range(len(starts) - 1):
         for other in neighbours[starts[point] : starts[point + 1]]:
@@ -163,7 +163,7 @@ def common_neighbours(starts, neighbours):
 
 @njit(cache=True)
 def _match(starts, neighbours, edge_weights, weights, heaviest):
-    """Partner of every point over its heaviest edge to a point that is still free; itself if there is none."""
+    """Partner of every point over its heaviest edge to a free point; itself if there is none."""
     n = len(weights)
     partner = np.full(n, -1, np.int32)
     for point in range(n):
@@ -193,7 +193,7 @@ def _number_pairs(partner):
 
 @njit(cache=True)
 def _contract(starts, neighbours, edge_weights, weights, partner, coarse, n_coarse):
-    """The graph of the pairs: parallel edges become one of their total weight, edges within a pair vanish."""
+    """The graph of the pairs: parallel edges become one with their total weight, edges within a pair vanish."""
     new_starts, new_weights = np.zeros(n_coarse + 1, np.int64), np.zeros(n_coarse, np.int32)
     new_neighbours, new_edge_weights = np.empty_like(neighbours), np.empty_like(edge_weights)
     place = np.full(n_coarse, -1, np.int64)
@@ -225,17 +225,17 @@ def improve(
     neighbours,  # ndarray of int
     weights,  # int32 (n,), weights of its points
     parts,  # (n,), part of every point: 0, 1 or `SEPARATOR`. Changed
-    heaviest,  # int, weight that no side shall exceed
-    n_passes,  # int, passes at most
-    patience,  # int, moves without a better separator that end a pass
+    heaviest,  # int, weight that no side may exceed
+    n_passes,  # int, maximum number of passes
+    patience,  # int, number of moves without a better separator that ends a pass
 ):  # the `score` of the result
-    """Make a separator smaller in place, by passes towards one side and the other in turn."""
+    """Shrink a separator in place, by alternating passes towards one side and the other."""
     # A *move* takes a point of the separator to one side and its neighbours on the other side into the separator; its
-    # *gain* is what the separator loses in weight. A pass [1], in the form for separators of points [2]:
+    # *gain* is the weight lost by the separator. A pass [1], in the form for vertex separators [2]:
     # 1. Find the gains of all points of the separator.
-    # 2. Make the move of largest gain, also where that is negative, so that the separator can travel over a ridge.
+    # 2. Make the move of largest gain, even if that is negative, so that the separator can cross a ridge.
     # 3. Update the gains around it.
-    # 4. Note when the separator is the best so far; go on with step 2 until that was too long ago.
+    # 4. Note when the separator is the best so far; continue with step 2 until that was too long ago.
     # 5. Undo all moves after the best one.
     # - [1] C. M. Fiduccia, R. M. Mattheyses, "A linear-time heuristic for improving network partitions", Proc. 19th
     #   Design Automation Conf. (1982).
@@ -272,7 +272,7 @@ def _part_weights(weights, parts):
 
 @njit(cache=True)
 def _gain(starts, neighbours, weights, parts, point, side):
-    """Loss of the separator in weight when a point of it moves to a side."""
+    """Weight lost by the separator when one of its points moves to a side."""
     gain = np.int64(weights[point])
     for other in neighbours[starts[point] : starts[point + 1]]:
         if parts[other] == 1 - side:
@@ -283,7 +283,7 @@ def _gain(starts, neighbours, weights, parts, point, side):
 @njit(cache=True)
 def _one_pass(starts, neighbours, weights, parts, totals, heap, log, side, heaviest, patience):
     """Move to a side until nothing is left or patience ends, then back to the best separator; steps as in `improve`."""
-    # The log holds each move as the points that it pulled into the separator and then, inverted bitwise, the point.
+    # The log stores each move as the points pulled into the separator and then, inverted bitwise, the moved point.
     reset(heap)
     for point in range(len(weights)):  # step 1
         if parts[point] == SEPARATOR:
@@ -314,7 +314,7 @@ def _move(starts, neighbours, weights, parts, totals, heap, log, end, point, sid
 
 @njit(cache=True)
 def _pull(starts, neighbours, weights, parts, totals, heap, point, side):
-    """Take a point of the other side into the separator."""
+    """Pull a point of the other side into the separator."""
     parts[point] = SEPARATOR
     totals[1 - side] -= weights[point]
     totals[2] += weights[point]
@@ -329,7 +329,7 @@ def _pull(starts, neighbours, weights, parts, totals, heap, point, side):
 
 @njit(cache=True)
 def _undo(weights, parts, totals, log, side):
-    """Take back the moves of a piece of the log."""
+    """Undo the moves in a piece of the log."""
     for entry in log[::-1]:
         point = ~entry if entry < 0 else entry
         before, after = (side, 2) if entry < 0 else (2, 1 - side)
@@ -341,23 +341,23 @@ def _undo(weights, parts, totals, log, side):
 class Heap(NamedTuple):
     """Binary heap of points by gain, largest first, in which the gain of any point can rise."""
 
-    # Points of equal gain come in the order of their numbers, so that results do not depend on the order of pushes.
+    # Points of equal gain are ordered by number, so that results do not depend on the order of pushes.
 
     points: np.ndarray  # int32 (n,), the heap; only the first ``size[0]`` count
-    places: np.ndarray  # int32 (n,), place of every point in it, or -1
+    places: np.ndarray  # int32 (n,), position of every point in it, or -1
     gains: np.ndarray  # int64 (n,), gain of every point
     size: np.ndarray  # int64 (1,), number of points in the heap
 
 
 @njit(cache=True)
 def empty_heap(n):
-    """Heap for points 0 to n - 1, without any."""
+    """Empty heap for points 0 to n - 1."""
     return Heap(np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(n, np.int64), np.zeros(1, np.int64))
 
 
 @njit(cache=True)
 def reset(heap):
-    """Take all points out of the heap."""
+    """Remove all points from the heap."""
     for place in range(heap.size[0]):
         heap.places[heap.points[place]] = -1
     heap.size[0] = 0
@@ -365,7 +365,7 @@ def reset(heap):
 
 @njit(cache=True)
 def push(heap, point, gain):
-    """Put a point in, or raise its gain if it is in."""
+    """Insert a point, or raise its gain if it is already there."""
     place = heap.places[point]
     if place == -1:
         place = heap.size[0]
@@ -384,7 +384,7 @@ def push(heap, point, gain):
 
 @njit(cache=True)
 def pop(heap):
-    """Take the point of largest gain out and return it."""
+    """Remove the point of largest gain and return it."""
     top = heap.points[0]
     heap.places[top] = -1
     heap.size[0] -= 1
@@ -401,7 +401,7 @@ def _is_before(heap, a, b):
 
 @njit(cache=True)
 def _down(heap, point):
-    """Put a point at the top and move it down as far as it belongs."""
+    """Put a point at the top and move it down to its position."""
     place = 0
     while 2 * place + 1 < heap.size[0]:
         below = 2 * place + 1

@@ -1,9 +1,9 @@
-"""Algorithms that solve linear systems, one alone or several in step, with one pass over a factor for all of these.
+"""Algorithms that solve linear systems, run singly or several in step, with one pass over a factor for all.
 
-An algorithm is a generator, here a *task*: it yields a factor and a right-hand side wherever it needs a solution, is
-sent that, and returns its result. It is written for one design. `solved` runs one; `solved_together` runs several in
-step, and solves for all right-hand sides that meet at one factor at once: a factor that does not fit into the cache is
-read once for all of them. Solutions are then the same to rounding, since BLAS adds up in another order for several.
+An algorithm is a generator, here a *task*: it yields a factor and a right-hand side whenever it needs a solution,
+receives the solution, and returns its result. It is written for one design. `solved` runs one; `solved_together` runs
+several in step, and solves for all right-hand sides of one factor at once: a factor that does not fit into the cache is
+read once for all of them. Solutions then agree to rounding, since BLAS sums in another order for several.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ Asked = tuple[Any, np.ndarray]
 """A factor, and a right-hand side for it."""
 
 Task = Generator[Asked, LinearSolution, T]
-"""An algorithm that asks for solutions, and what it returns."""
+"""An algorithm that requests solutions, and its result."""
 
 
 def solved(task: Task[T]) -> T:
-    """Result of one task. Raises what it raises."""
+    """Result of one task; raises what it raises."""
     go_on: Any = task.send
     answer: LinearSolution | MovementError | None = None
     while True:
@@ -43,7 +43,7 @@ def solved(task: Task[T]) -> T:
 
 
 def solved_together(tasks: Sequence[Task[T]]) -> list[T | MovementError]:
-    """Result of each task, or the `MovementError` that it ends with; the others go on."""
+    """Result of each task, or the `MovementError` with which it ends; the others continue."""
     found: dict[int, T | MovementError] = {}
     answers: dict[int, LinearSolution | MovementError | None] = dict.fromkeys(range(len(tasks)))
     while answers:
@@ -60,12 +60,12 @@ def solved_together(tasks: Sequence[Task[T]]) -> list[T | MovementError]:
 
 
 def _answered(task: Any, answer: LinearSolution | MovementError | None) -> Asked:
-    """What a task asks for next."""
+    """Next request of a task."""
     return task.throw(answer) if isinstance(answer, MovementError) else task.send(answer)
 
 
 def _solutions(asked: Mapping[int, Asked]) -> dict[int, LinearSolution | MovementError | None]:
-    """Solutions for all who ask, those of one factor at once."""
+    """Solutions for all requests, treating one factor's together."""
     groups: dict[int, list[int]] = {}
     for n, (factor, _) in asked.items():
         groups.setdefault(id(factor), []).append(n)
@@ -76,7 +76,7 @@ def _solutions(asked: Mapping[int, Asked]) -> dict[int, LinearSolution | Movemen
 
 
 def _of_one_factor(factor: Any, sides: Sequence[np.ndarray]) -> list[LinearSolution | MovementError]:
-    """Solutions for right-hand sides; a factor that gives up with all of them is asked again for each."""
+    """Solutions for right-hand sides; if a factor fails for all together, each is tried separately."""
     try:
         if len(sides) == 1:
             return [factor.solve(sides[0])]

@@ -1,7 +1,7 @@
-"""Displacement of points that nothing prescribes: a network of springs joins them to prescribed and fixed ones.
+"""Displacement of free points: a network of springs joins them to prescribed and fixed ones.
 
-Each component of the displacement is the solution of a discrete Laplace equation on the graph of the springs, with
-weights of one over their lengths.
+Each component of the displacement solves a discrete Laplace equation on the graph of the springs, with inverse lengths
+as weights.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["SpringNetwork"]
 class SpringNetwork(OneLine):
     """Displacement of points between prescribed and fixed ones, as a linear map of the prescribed displacement."""
 
-    ids: np.ndarray  # int (n_free,), the points that are displaced, ascending
+    ids: np.ndarray  # int (n_free,), the displaced points, ascending
     # force on each of them for a unit displacement of each prescribed point
     pull: sparse.csr_array  # (n_free, n_prescribed)
     directions: sparse.csr_array  # (3 n_free, n_directions), orthonormal columns: their allowed directions
@@ -33,18 +33,18 @@ class SpringNetwork(OneLine):
     @classmethod
     def of(
         cls,
-        n_points: int,  # number of points; those without a spring take no part
-        # length of the spring (m) between each pair of points; those of one point with itself do not count
+        n_points: int,  # number of points; points without a spring are ignored
+        # length of the spring (m) between each pair of points; springs from a point to itself are ignored
         lengths: Mapping[tuple[int, int], float],
-        # points with a prescribed displacement, and points that stay
+        # points with a prescribed displacement, and fixed points
         prescribed_ids: np.ndarray,  # int
         fixed_ids: np.ndarray,  # int
         # orthonormal columns, shape (3 n, n_directions), of the allowed directions of points by numbers, shape (n,)
         directions: Callable[[np.ndarray], sparse.csr_array],
     ) -> SpringNetwork:
-        """Join points by springs, as stiff as they are short."""
-        # Each component of the displacement is in equilibrium by itself, but for points that slide. Points without a
-        # connection to prescribed or fixed ones stay.
+        """Join points by springs with stiffness inverse to their length."""
+        # Each component of the displacement is in equilibrium separately, except at sliding points. Points not
+        # connected to prescribed or fixed ones stay.
         stiffness = {pair: 1.0 / length for pair, length in lengths.items() if pair[0] != pair[1]}
         pairs = np.array(list(stiffness), dtype=int).reshape(-1, 2).T
         graph = sparse.csr_array((list(stiffness.values()), tuple(pairs)), shape=(n_points, n_points))
@@ -64,11 +64,11 @@ class SpringNetwork(OneLine):
         return splu(self.stiffness)
 
     def __getstate__(self) -> dict:
-        """Leave the factor behind: SuperLU cannot be pickled."""
+        """Drop the factor: SuperLU cannot be pickled."""
         return {name: value for name, value in self.__dict__.items() if name != "_factor"}
 
     def dot(self, displacement: np.ndarray) -> np.ndarray:
-        """Displacements of the points, (n_free, 3), for those of the prescribed ones, (n_prescribed, 3)."""
+        """Displacements of the points, (n_free, 3), from prescribed displacements, (n_prescribed, 3)."""
         return self._displacement_under(self.pull @ displacement)
 
     def transpose_dot(self, bar: np.ndarray) -> np.ndarray:

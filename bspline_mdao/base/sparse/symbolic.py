@@ -1,9 +1,9 @@
 """Symbolic analysis of an elimination: its tree, and the supernodes of the factor.
 
-A supernode is a set of neighbouring columns of the factor that share their rows and are eliminated as one dense front.
-The *front* of a supernode has its own points first and then its *rows*, the later points that elimination couples with
-them. A fundamental supernode has no zero in its front. Merging one into its parent stores some zeros, but makes larger
-dense matrices: it is done where a model of the time of a front says that it pays.
+A supernode is a set of adjacent columns of the factor that share their rows and are eliminated as one dense front. The
+*front* of a supernode has its own points first and then its *rows*, the later points coupled to them by elimination. A
+fundamental supernode has no zero in its front. Merging one into its parent stores some zeros, but makes larger dense
+matrices: it is done if a model of the time of a front says that it pays.
 
 Theory: ``docs/theory/sparse.rst``, "Fronts".
 """
@@ -22,24 +22,24 @@ class Supernodes(NamedTuple):
     """The elimination of a graph, as a forest of dense fronts."""
 
     order: np.ndarray  # int32 (n,), points in the order of their elimination
-    rank: np.ndarray  # int32 (n,), place of every point in that order
-    firsts: np.ndarray  # int32 (n_supernodes + 1,), first place of every supernode; children come before their parents
+    rank: np.ndarray  # int32 (n,), position of every point in that order
+    firsts: np.ndarray  # int32 (n_supernodes + 1,), first position of every supernode; children before their parents
     parents: np.ndarray  # int32 (n_supernodes,), parent of every supernode, -1 for a root
     row_starts: np.ndarray  # int64 (n_supernodes + 1,), where the rows of each start
-    rows: np.ndarray  # int32 (n_rows,), places coupled with each supernode, beyond its own, ascending
+    rows: np.ndarray  # int32 (n_rows,), positions coupled with each supernode, beyond its own, ascending
 
 
 def find_supernodes(
     # the graph
     starts: np.ndarray,  # ndarray of int
     neighbours: np.ndarray,  # ndarray of int
-    order: np.ndarray,  # int32 (n,), points in the order wanted
+    order: np.ndarray,  # int32 (n,), points in the desired order
 ) -> Supernodes:
     """Analyse the elimination of a graph in a given order, which is changed to an equivalent one."""
-    # 1. Find the elimination tree and number it in postorder, which leaves the fill as it is.
+    # 1. Find the elimination tree and number it in postorder, which does not change the fill.
     # 2. Count the entries of the columns of the factor.
     # 3. Join columns to fundamental supernodes [1].
-    # 4. Merge supernodes into their parents where some stored zeros pay [2] [3].
+    # 4. Merge supernodes into their parents if storing some zeros pays [2] [3].
     # 5. Find the rows of every front.
     # - [1] J. W. H. Liu, E. G. Ng, B. W. Peyton, "On finding supernodes for sparse matrix computations", SIAM J. Matrix
     #   Anal. Appl. 14 (1993), 242-252.
@@ -82,16 +82,16 @@ def elimination_tree(
     # graph of the matrix
     starts,  # ndarray of int
     neighbours,  # ndarray of int
-    # point at every place of the order, and its inverse
+    # point at every position of the order, and its inverse
     order,  # int32 (n,)
     rank,  # int32 (n,)
-):  # int32 (n,), parent of every place; -1 for a root
+):  # int32 (n,), parent of every position; -1 for a root
     """Find the elimination tree of a symmetric pattern in a given order [1]."""
     # In the factor L of the reordered matrix, the parent of column j is the row of the first entry below the diagonal.
     # Row after row, for every entry of the matrix left of the diagonal:
-    # 1. Climb from its column towards the root of the subtree that it is in so far.
-    # 2. Let every node on the way point to the row: the next climb is short (path compression).
-    # 3. Where a root is met, the row becomes its parent.
+    # 1. Climb from its column towards the root of its current subtree.
+    # 2. Point every node on the way to the row, so that the next climb is short (path compression).
+    # 3. If a root is reached, the row becomes its parent.
     # - [1] J. W. H. Liu, "The role of elimination trees in sparse factorization", SIAM J. Matrix Anal. Appl. 11 (1990),
     #   134-172.
     n = len(order)
@@ -111,11 +111,11 @@ def elimination_tree(
 
 @njit(cache=True)
 def postorder(parent):
-    """Nodes of a forest, children (ascending) before their parents, every subtree in one piece; int32, shape (n,)."""
+    """Nodes of a forest, children (ascending) before their parents, every subtree contiguous; int32, shape (n,)."""
     n = len(parent)
     first_child, next_sibling = np.full(n + 1, -1, np.int32), np.full(n, -1, np.int32)
     for node in range(n - 1, -1, -1):
-        next_sibling[node] = first_child[parent[node]]  # roots are children of an entry behind the last
+        next_sibling[node] = first_child[parent[node]]  # roots are children of an entry after the last
         first_child[parent[node]] = node
     result, stack, n_done, top = np.empty(n, np.int32), np.empty(n, np.int32), 0, 0
     stack[0] = root = first_child[n]
@@ -138,14 +138,14 @@ def postorder(parent):
 
 @njit(cache=True)
 def column_counts(starts, neighbours, order, rank, parent):
-    """Count the entries of every column of the factor, the diagonal included, without making the factor [1]."""
+    """Count the entries of every column of the factor, including the diagonal, without making the factor [1]."""
     # The order must be a postorder of its tree. Every row i of the factor is a subtree with its root on the diagonal,
     # and column j holds row i when j is in that subtree; its leaves are among the entries of that row of the matrix.
     # The count of a column is a sum of weights over its descendants:
-    # 1. Every leaf of the tree adds one, for its diagonal; every other node takes one away from its parent for itself.
+    # 1. Every leaf of the tree adds one, for its diagonal; every other node subtracts one from its parent for itself.
     # 2. A node is a leaf of row i if no descendant of it is one: nothing of its subtree has been seen in that row.
     # 3. A leaf of a row adds its path to the root,
-    # 4. and takes away what it shares with the leaf before it: the path from their lowest common ancestor.
+    # 4. and subtracts the part shared with the previous leaf: the path from their lowest common ancestor.
     # 5. Sum the weights towards the roots.
     # - [1] J. R. Gilbert, E. G. Ng, B. W. Peyton, "An efficient algorithm to compute row and column counts for sparse
     #   Cholesky factorization", SIAM J. Matrix Anal. Appl. 15 (1994), 1075-1091.
@@ -199,9 +199,9 @@ def _root(ancestor, node):
 
 @njit(cache=True)
 def _fundamental(parent, counts):
-    """Join neighbouring columns with equal rows: first column of each supernode, its size, rows, and parent."""
-    # A column goes on with the one before it where it is its parent and has one entry less. That joins more than the
-    # definition asks for, which wants it to be the only child: other children add no row that is not there.
+    """Join adjacent columns with equal rows: first column of each supernode, its size, rows, and parent."""
+    # A column is joined with the previous one if it is its parent and has one entry less. That joins more than the
+    # definition requires, namely an only child: other children add no new row.
     n = len(parent)
     supernode, firsts, n_supernodes = np.empty(n, np.int32), np.empty(n + 1, np.int32), 0
     for column in range(n):
@@ -222,9 +222,9 @@ def _fundamental(parent, counts):
 
 @njit(cache=True)
 def front_seconds(size, n_rows):
-    """Model of the time of a front of so many own points and rows (s)."""
+    """Model of the time (s) of a front with given numbers of own points and rows."""
     # Arithmetic at 35 Gflop/s, traffic of the update and of the panel, and 4 microseconds for calls. These are
-    # constants, so that supernodes, and with them all round-off, are the same on every machine.
+    # constants, so supernodes, and with them all round-off, are the same on every machine.
     pivots, rest = 3.0 * size, 3.0 * n_rows
     arithmetic = pivots * (pivots * pivots / 3.0 + pivots * rest + rest * rest)
     return arithmetic / 3.5e10 + 6e-10 * rest * rest + 2e-9 * pivots * (pivots + rest) + 4e-6
@@ -232,7 +232,7 @@ def front_seconds(size, n_rows):
 
 @njit(cache=True)
 def _merged(firsts, sizes, n_rows, parents):
-    """Merge supernodes into their parents where `front_seconds` says that it saves time."""
+    """Merge supernodes into their parents if `front_seconds` says that it saves time."""
     # Returns the columns in their new order, the sizes and the parents of the supernodes that remain.
     n = len(sizes)
     into, sizes_0 = np.arange(n).astype(np.int32), sizes.copy()
@@ -251,7 +251,7 @@ def _merged(firsts, sizes, n_rows, parents):
 
 @njit(cache=True)
 def _collect(into, firsts, sizes_0, sizes, parents):
-    """Put the columns of merged supernodes in one piece each; the order of the supernodes is kept."""
+    """Make the columns of each merged supernode contiguous, keeping the order of the supernodes."""
     n = len(into)
     number, n_kept = np.full(n, -1, np.int32), 0
     ends = np.zeros(n, np.int64)
@@ -278,7 +278,7 @@ def _collect(into, firsts, sizes_0, sizes, parents):
 
 @njit(cache=True)
 def _front_rows(starts, neighbours, order, rank, firsts, parents):
-    """Rows of every supernode: those of the matrix and those of its children, without its own."""
+    """Rows of every supernode: from the matrix and from its children, without its own points."""
     n_supernodes = len(parents)
     first_child, next_sibling = np.full(n_supernodes, -1, np.int32), np.full(n_supernodes, -1, np.int32)
     row_starts, rows = np.zeros(n_supernodes + 1, np.int64), np.empty(16 * len(order) + 16, np.int32)
