@@ -1,10 +1,10 @@
-"""Smooth lower bounds of the smallest of many numbers, taken in parts, and the table of those that measure a grid.
+"""Smooth lower bounds of the smallest of many numbers, computed in parts, and the table of those that measure a grid.
 
-To add an aggregate of a measure that there is, add its entry to `AGGREGATES`; all else reads that table.
+To add an aggregate of an existing measure, add its entry to `AGGREGATES`; all other code reads that table.
 
-A rule turns an array into a `Part`, the exact extreme and a sum relative to it that cannot overflow; parts of different
-arrays join into one, in the order given. What a number weighs in the result, its derivative, follows from the result
-alone. Numbers that are infinite weigh nothing.
+A rule turns an array into a `Part`, the exact extreme and a sum relative to it that cannot overflow. Parts of different
+arrays are joined in the order given. The weight of a number in the result, its derivative, follows from the result
+alone. Infinite numbers have no weight.
 
 Theory: ``docs/theory/quality.rst``.
 
@@ -27,7 +27,7 @@ __all__ = ["AGGREGATES", "Aggregate", "KreisselmeierSteinhauser", "PNorm", "Part
 
 
 class Part(NamedTuple):
-    """Extreme of an array, and the sum of its terms relative to that of the extreme (0: nothing to sum)."""
+    """Extreme of an array, and the sum of its terms relative to the term of the extreme (0: nothing to sum)."""
 
     extreme: float
     total: float
@@ -52,11 +52,11 @@ class KreisselmeierSteinhauser(OneLine):
 
     @property
     def settings(self) -> tuple[float, int]:
-        """Sharpness and power as `.lane_bounds` has them."""
+        """Sharpness and power in the form of `.lane_bounds`."""
         return self.rho, 0
 
     def part_of(self, smallest: float, total: float) -> Part:
-        """Part of the smallest number and the sum of the terms relative to its: no number where the sum is none."""
+        """Part from the smallest number and the sum of the terms relative to its term; NaN if the sum is NaN."""
         return Part(smallest + 0.0 * total, total)
 
     def part(self, x: np.ndarray) -> Part:
@@ -66,12 +66,12 @@ class KreisselmeierSteinhauser(OneLine):
 
     def join(self, parts: Sequence[Part]) -> Part:
         """Sum over all parts."""
-        smallest = float(np.min([part.extreme for part in parts]))  # NaN where a part is
+        smallest = float(np.min([part.extreme for part in parts]))  # NaN if a part is NaN
         scales = (np.exp(-self.rho * (part.extreme - smallest)) * part.total for part in parts if part.total)
         return Part(smallest, sum(scales))
 
     def value(self, part: Part) -> float:
-        """The bound; 1 where there is nothing to bound."""
+        """The bound; 1 if there is nothing to bound."""
         return (part.extreme - np.log(part.total) / self.rho).item() if part.total else 1.0
 
     def weights(self, x: np.ndarray, value: float) -> np.ndarray:
@@ -96,11 +96,11 @@ class PNorm(OneLine):
 
     @property
     def settings(self) -> tuple[float, int]:
-        """Sharpness and power as `.lane_bounds` has them."""
+        """Sharpness and power in the form of `.lane_bounds`."""
         return 0.0, self.p
 
     def part_of(self, smallest: float, total: float) -> Part:
-        """Part of the smallest number, at most 1, and the sum of the terms relative to its."""
+        """Part from the smallest number, at most 1, and the sum of the terms relative to its term."""
         return Part(1.0 - smallest, total)
 
     def part(self, x: np.ndarray) -> Part:
@@ -118,7 +118,7 @@ class PNorm(OneLine):
         return float(1.0 - part.extreme * part.total ** (1.0 / self.p))
 
     def weights(self, x: np.ndarray, value: float) -> np.ndarray:
-        """Derivative of the value with respect to every x; 0 where all are 1 or more."""
+        """Derivative of the value with respect to every x; 0 if all are 1 or more."""
         if value >= 1.0:
             return np.zeros_like(x)
         return _power(self._deficits(x, 1.0 - value), self.p - 1)
@@ -144,18 +144,18 @@ def _power(x: np.ndarray, n: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Aggregate:
-    """A smooth bound of a measure over a whole grid, as a constraint on the worst cell needs it."""
+    """A smooth bound of a measure over a whole grid, for a constraint on the worst cell."""
 
-    # what is bounded: one of `bspline_mdao.grids.cells.lane_bounds.ROWS`, ``"coefficients"`` of the Jacobian, or
+    # bounded quantity: one of `bspline_mdao.grids.cells.lane_bounds.ROWS`, ``"coefficients"`` of the Jacobian, or
     # ``"height"`` for the heights of the first cells at walls
     measure: str
-    rule: str  # `KreisselmeierSteinhauser` or `PNorm`; the latter only of what is at most 1
-    meaning: str  # what it is, for the documentation of the outputs
+    rule: str  # `KreisselmeierSteinhauser` or `PNorm`; the latter only for values of at most 1
+    meaning: str  # description for the documentation of the outputs
     # whether it bounds the largest number from above: minus the lower bound of the negative numbers
     is_upper: bool = False
-    is_default: bool = False  # whether it is an output of the component unless others are asked for
-    # what it is of cells of mixed kinds (`bspline_mdao.grids.cells.mixed_quality`), which have no Q, no corners and no
-    # Jacobians; empty where they do not have it
+    is_default: bool = False  # whether it is an output of the component by default
+    # description for cells of mixed kinds (`bspline_mdao.grids.cells.mixed_quality`), which have no Q, no corners and
+    # no Jacobians; empty if they do not have it
     of_mixed: str = ""
 
     @property
@@ -194,4 +194,4 @@ AGGREGATES = {
         of_mixed="upper bound of the heights of nodes next to walls over the baseline's",
     ),
 }
-"""The aggregates that there are, by name, and which of them cells of mixed kinds have."""
+"""The available aggregates, by name, and which of them cells of mixed kinds have."""

@@ -1,12 +1,12 @@
-"""Whether a polynomial on the unit cube is positive everywhere, by its Bernstein coefficients.
+"""Proof that a polynomial on the unit cube is positive everywhere, by its Bernstein coefficients.
 
 A polynomial of degree ``(l, m, n)`` lies between the smallest and the largest of its ``(l+1)(m+1)(n+1)`` Bernstein
-coefficients, and the eight at the corners are its values there. Where the smallest is positive, so is the polynomial;
-where a corner is not, neither is it; else the cube is halved by de Casteljau's algorithm, across the direction in which
-the coefficients differ most, and both halves are asked.
+coefficients, and the eight at the corners are its values there. If the smallest coefficient is positive, so is the
+polynomial; if a corner is not, neither is the polynomial. Otherwise the cube is halved by de Casteljau's algorithm, in
+the direction in which the coefficients differ most, and both halves are examined.
 
-Coefficients are known up to a rounding error, which the caller bounds and halving raises: only what is positive by more
-than that counts as positive. Coefficients that are zero by construction, on edges that have collapsed, do not count.
+Coefficients are known up to a rounding error, which the caller bounds and halving increases: only values larger than
+this error count as positive. Coefficients that are zero by construction, on collapsed edges, do not count.
 
 Theory: ``docs/theory/validity.rst``.
 
@@ -26,21 +26,21 @@ from numba import njit
 __all__ = ["INVALID", "MAX_HALVINGS", "UNDECIDED", "UNIT", "VALID", "decide", "inverse_of"]
 
 VALID, UNDECIDED, INVALID = 0, 1, 2
-"""What is known of a polynomial: positive everywhere, nothing, not positive somewhere."""
+"""What is known about a polynomial: positive everywhere, undecided, not positive somewhere."""
 
 UNIT = 2.0**-53
 """Largest relative error of one rounding."""
 
 MAX_HALVINGS = 18
-"""Halvings one after the other: six in each direction."""
+"""Largest number of successive halvings: six in each direction."""
 
 MAX_BOXES = 4000
-"""Boxes that are asked in all, before a polynomial is left undecided."""
+"""Largest number of boxes to examine before a polynomial is left undecided."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _smallest(c, counts, has_zeros):
-    """Smallest of the coefficients that count; infinite where none does."""
+    """Smallest of the coefficients that count; infinite if none does."""
     least = np.inf
     for i in range(c.shape[0]):
         for j in range(c.shape[1]):
@@ -54,7 +54,7 @@ def _smallest(c, counts, has_zeros):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _smallest_corner(c, counts, has_zeros):
-    """Smallest of the values at corners that count; infinite where none does."""
+    """Smallest of the values at corners that count; infinite if none does."""
     least, (l, m, n) = np.inf, c.shape
     for i in range(0, l, max(l - 1, 1)):
         for j in range(0, m, max(m - 1, 1)):
@@ -83,7 +83,7 @@ def _widest(c):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _halve(c, upper, direction):
-    """Leave the lower half of a box in ``c`` and write the upper one to ``upper``."""
+    """Leave the lower half of a box in ``c`` and write the upper half to ``upper``."""
     size = c.shape[direction]
     others = c.shape[(direction + 1) % 3], c.shape[(direction + 2) % 3]
     line = np.empty(size)
@@ -106,7 +106,7 @@ def _halve(c, upper, direction):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _copy(c, out):
-    """Copy a box; the loops compile in a tenth of the time of an assignment of arrays."""
+    """Copy a box; the loops compile in a tenth of the time of an array assignment."""
     for i in range(c.shape[0]):
         for j in range(c.shape[1]):
             for k in range(c.shape[2]):
@@ -116,22 +116,22 @@ def _copy(c, out):
 @njit(cache=True, nogil=True, error_model="numpy")
 def decide(
     coefficients,  # (l + 1, m + 1, n + 1), Bernstein coefficients on the unit cube
-    # 0 for coefficients that are zero by construction, which do not count, else 1; not looked at without such ones
+    # 0 for coefficients that are zero by construction, which do not count, else 1; unused if there are none
     counts,  # ndarray, same shape
     margin,  # bound of the error of every coefficient
     has_zeros,  # bool, whether there are such coefficients
-    max_halvings,  # int, halvings one after the other, at most
+    max_halvings,  # int, largest number of successive halvings
 ):
     """Decide whether a polynomial is positive."""
     # returns status int: `VALID`, `UNDECIDED` or `INVALID`
-    # returns bound: lower bound of the polynomial in a valid one, where it counts; the smallest number known otherwise
+    # returns bound: lower bound of the polynomial if it is valid, where it counts; the smallest known value otherwise
     l, m, n = coefficients.shape
     largest = 0.0
     for i in range(l):
         for j in range(m):
             for k in range(n):
                 largest = max(largest, abs(coefficients[i, j, k]))
-    per_halving = 2.0 * max(l, m, n) * UNIT * largest  # a halving takes means of two, one after the other
+    per_halving = 2.0 * max(l, m, n) * UNIT * largest  # a halving takes means of two values, in sequence
     boxes, marks = np.empty((max_halvings + 1, l, m, n)), np.empty((max_halvings + 1, l, m, n))
     levels = np.zeros(max_halvings + 1, dtype=np.int64)
     _copy(coefficients, boxes[0])

@@ -1,9 +1,9 @@
-"""Lower bounds of the Jacobian of curved hexahedra: Bézier ones, and those of Lagrange that high-order files hold.
+"""Lower bounds of the Jacobian of curved hexahedra: Bézier elements, and the Lagrange elements of high-order files.
 
-The derivatives of a hexahedron of degree ``(l, m, n)`` with Bézier control points have the differences of these for
-coefficients; products of polynomials in Bernstein form are convolutions of coefficients times binomial numbers, whose
-terms have positive weights. So the ``3l x 3m x 3n`` coefficients of the Jacobian are means of triple products of such
-differences, and their rounding error is bounded by that of one.
+The coefficients of the derivatives of a hexahedron of degree ``(l, m, n)`` are differences of its Bézier control
+points. Products of polynomials in Bernstein form are convolutions of coefficients times binomial numbers, whose terms
+have positive weights. So the ``3l x 3m x 3n`` coefficients of the Jacobian are means of triple products of such
+differences, and their rounding error is bounded by the error of a single triple product.
 
 Theory: ``docs/theory/validity.rst``.
 
@@ -37,8 +37,8 @@ def binomials(degree: int) -> np.ndarray:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _scaled_edges(points, direction, binomial, normal, shortest, out, is_long):
-    """Write differences of control points in one direction, times binomial numbers; the largest in the sum norm."""
-    # A direction with one layer of points has the normal for difference.
+    """Write differences of control points in one direction, times binomial numbers; return the largest sum norm."""
+    # In a direction with one layer of points, the difference is the normal.
     largest = 0.0
     n_0, n_1, n_2 = out.shape[0], out.shape[1], out.shape[2]
     is_flat = points.shape[direction] == 1
@@ -85,7 +85,7 @@ def bezier_bound(
     sign,  # handedness
     binomial,  # `binomials` up to the degree of the Jacobian, at least ``3 max(l, m, n) - 1``
     normal,  # (3,), derivative in a direction of degree 0
-    shortest,  # differences up to this length (m), in the sum norm, have collapsed
+    shortest,  # differences up to this length (m), in the sum norm, count as collapsed
     # bounds of the error of a difference of control points in each direction (m), in the sum norm
     errors,  # tuple of three float
     max_halvings,  # int, see `bspline_mdao.grids.cells.bernstein.decide`
@@ -120,7 +120,7 @@ def bezier_bound(
                     out[i + l, j + m, k + n] += u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
     for i, j, k in np.ndindex(out.shape):
         out[i, j, k] *= sign / (binomial[o_0 - 1, i] * binomial[o_1 - 1, j] * binomial[o_2 - 1, k])
-    n_terms = t_0 * s_1 * s_2 + s_0 * s_1 * t_2  # the longest sums, one after the other
+    n_terms = t_0 * s_1 * s_2 + s_0 * s_1 * t_2  # the longest sums, in sequence
     product = e_a * e_b * e_c
     d_a, d_b, d_c = errors[0] * t_0, errors[1] * t_1, errors[2] * t_2
     margin = (24.0 + n_terms) * UNIT * product + 1e-290
@@ -144,10 +144,10 @@ def _bezier_of_lagrange(degree: int) -> tuple[np.ndarray, float]:
 
 
 def lagrange_validity(
-    # nodes of elements of degree q, evenly spaced in the parameters (m); q = 1 to 4 as CGNS and Gmsh have them
+    # nodes of elements of degree q, evenly spaced in the parameters (m); q = 1 to 4 as in CGNS and Gmsh
     nodes: np.ndarray,  # (n_e, q + 1, q + 1, q + 1, 3)
     handedness: int = 1,  # +1 or -1
-    # edges between control points up to this length (m) have collapsed; where they have, the Jacobian may be zero
+    # edges between control points up to this length (m) count as collapsed; the Jacobian may be zero there
     shortest: float = 0.0,
     max_halvings: int = MAX_HALVINGS,  # see `bspline_mdao.grids.cells.bernstein.decide`
 ) -> tuple[np.ndarray, np.ndarray]:

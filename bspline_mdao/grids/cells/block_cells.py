@@ -1,6 +1,6 @@
 """The cells of one block, or of a piece of it: what the baseline decides about them, their measures and derivatives.
 
-A chunk is some layers of cells along the first direction, what a thread takes at a time.
+A chunk is some layers of cells along the first direction, the unit of work of a thread.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -36,32 +36,32 @@ __all__ = [
 ]
 
 LOWER_CORNERS = np.uint8(0b00001111)
-"""Corners 0 to 3: those of a planar block."""
+"""Corners 0 to 3, the corners of a planar block."""
 
 CHUNK_CELLS = 32768
-"""Cells of a chunk, at most, if it is more than one layer. Kernels hold two layers of nodes and read one more than a
-chunk has of cells: in a block of 64 by 32 cells across, one in 17."""
+"""Largest number of cells of a chunk of more than one layer. Kernels hold two layers of nodes and read one layer more
+than a chunk has of cells: in a block of 64 by 32 cells across, one in 17."""
 
 
 @dataclass(frozen=True, eq=False)
 class BlockCells(OneLine):
-    """Cells of a block, or of a piece of it, with what stays as it was on the baseline."""
+    """Cells of a block, or of a piece of it, with what the baseline has decided."""
 
-    # Where a process holds some pieces of a grid, "grid" stands for them below.
+    # If a process holds some pieces of a grid, "grid" stands for these below.
 
     name: str  # name of the block
-    window: Window  # the piece of it: all of it as a rule
+    window: Window  # the piece of it, usually all of it
     # where the piece starts in the grid vector and among the cells
     first_node: int
     first_cell: int
-    handedness: int  # +1 or -1, the sign that most of the block's cells had
+    handedness: int  # +1 or -1, the sign of most of the block's cells
     # bits of the degenerate corners, per cell; of a planar block with its flat direction moved last
     degenerate_corners: np.ndarray
-    inverse_volume: np.ndarray  # (n_cells,), 1 / volume, in absolute value (m^-3); 0 for cells that had none
+    inverse_volume: np.ndarray  # (n_cells,), 1 / volume, in absolute value (m^-3); 0 for cells without volume
     was_invalid: np.ndarray  # cells that were not valid
     flat: int | None  # direction with a single node
-    normal: np.ndarray | None  # (3,), or None, unit normal of a planar block, which serves as its third edges
-    shortest: float  # edges at degenerate corners that are shorter have collapsed (m)
+    normal: np.ndarray | None  # (3,), or None, unit normal of a planar block, used as its third edges
+    shortest: float  # shorter edges at degenerate corners count as collapsed (m)
 
     @classmethod
     def of_baseline(
@@ -75,7 +75,7 @@ class BlockCells(OneLine):
         handedness: int | None = None,
     ) -> BlockCells:
         """Decide about the cells of a piece of a block with nodes (ni, nj, nk, 3) on the baseline."""
-        # ``frame`` is that of the block. Its ``handedness`` is that of most cells of the piece by default.
+        # ``frame`` belongs to the block. ``handedness`` is by default the sign of most cells of the piece.
         degenerate_corners, flat = collapsed_corners(nodes, frame.size), flat_direction(nodes.shape)
         quality = cell_quality(nodes, degenerate_corners, handedness, frame.normal)
         if flat is not None:
@@ -107,7 +107,7 @@ class BlockCells(OneLine):
 
     @property
     def sign(self) -> float:
-        """``handedness`` as kernels take it: with an integer they would be compiled anew."""
+        """``handedness`` in the type of kernels: with an integer they would be compiled again."""
         return float(self.handedness)
 
     @property
@@ -117,7 +117,7 @@ class BlockCells(OneLine):
 
     @property
     def n_bytes(self) -> int:
-        """Memory that the state takes (B)."""
+        """Memory of the state (B)."""
         return self.degenerate_corners.nbytes + self.inverse_volume.nbytes + self.was_invalid.nbytes
 
     @property
@@ -157,7 +157,7 @@ def block_cells(
 
 
 def _handedness(pieces: Pieces, nodes: np.ndarray, frames: Sequence[Frame]) -> dict[int, int]:
-    """Sign that most cells of each split block have; where as many have the other, that of its middle layer."""
+    """Sign of most cells of each split block; in case of a tie, the sign of its middle layer."""
     counts = []
     with together(pieces.comm):
         for piece, x, frame in zip(pieces.local, pieces.nodes_of(nodes), frames):
@@ -169,7 +169,7 @@ def _handedness(pieces: Pieces, nodes: np.ndarray, frames: Sequence[Frame]) -> d
 
 
 def _signs(piece: Window, nodes: np.ndarray, frame: Frame, shape: tuple[int, ...]) -> tuple[int, int]:
-    """Positive minus negative volumes among the cells of a piece, and among those of the middle layer of its block."""
+    """Positive minus negative volumes among the cells of a piece, and among the middle layer of its block."""
     volume = np.sign(cell_quality(nodes, collapsed_corners(nodes, frame.size), 1, frame.normal).volume)
     along = next(d for d in range(3) if shape[d] > 1)
     layer = (shape[along] - 1) // 2 - piece.lo[along]
@@ -199,7 +199,7 @@ class Chunk:
 
     @property
     def solid_bits(self) -> np.ndarray:
-        """Those of the cells that `solid` gives: of a planar block's both sides alike."""
+        """Degenerate corners of the cells of `solid`: the same on both sides of a planar block."""
         bits = self.degenerate_corners
         return bits if self.block.flat is None else (bits & LOWER_CORNERS) * np.uint8(17)
 
@@ -216,13 +216,13 @@ class Chunk:
         return slice(first + cells.start, first + cells.stop)
 
     def solid(self, grid_nodes: np.ndarray, normal: np.ndarray | None = None) -> np.ndarray:
-        """Nodes of the chunk as (layers + 1, n, m, 3); a planar one is given depth along ``normal``, if any."""
+        """Nodes of the chunk as (layers + 1, n, m, 3); a planar chunk gets depth along ``normal``, if any."""
         nodes = self._nodes(grid_nodes)
         return nodes if self.block.flat is None else stack_plane(nodes[:, :, 0], 0.0 if normal is None else normal)
 
     @contextmanager
     def added(self, grid_bar: np.ndarray) -> Iterator[np.ndarray]:
-        """Room for adjoints of what `solid` gives, which are added to those of the grid's nodes."""
+        """Room for adjoints of `solid`, which are added to the adjoints of the grid's nodes."""
         bar = self._nodes(grid_bar)
         if self.block.flat is None:
             yield bar
@@ -242,14 +242,14 @@ def chunk_bounds(
     chunk: Chunk,
     nodes: np.ndarray,  # (n_nodes, 3)
     bounds: np.ndarray,  # of `BOUND`, references and totals are set
-    q: np.ndarray,  # (n_cells,) of the grid, Q of the cells of the chunk is written to it; or of no size
+    q: np.ndarray,  # (n_cells,) of the grid, receives Q of the cells of the chunk; or of no size
 ) -> None:
     """Bound the measures of the cells of a chunk of a grid."""
     block_bounds(*_cells_of(chunk, nodes), bounds, _part(chunk, q))
 
 
 def chunk_jvp(chunk: Chunk, nodes: np.ndarray, d_nodes: np.ndarray, bounds: np.ndarray, d_q: np.ndarray) -> None:
-    """Change of what `chunk_bounds` gives with the nodes: the totals of the bounds."""
+    """Change of `chunk_bounds` with the nodes: the totals of the bounds."""
     x, *cells = _cells_of(chunk, nodes)
     block_jvp(x, as_points(chunk.solid(d_nodes)), *cells, bounds, _part(chunk, d_q))
 
@@ -261,14 +261,14 @@ def chunk_vjp(
     q_bar: np.ndarray,  # (n_cells,) of the grid, or of no size
     nodes_bar: np.ndarray,  # (n_nodes, 3), added to
 ) -> None:
-    """Add the adjoint of the nodes from that of what `chunk_bounds` gives."""
+    """Add the adjoint of the nodes from the adjoint of `chunk_bounds`."""
     with chunk.added(nodes_bar) as solid_bar:
         block_vjp(*_cells_of(chunk, nodes), bounds, _part(chunk, q_bar), as_points(solid_bar))
 
 
 def chunk_coefficients(chunk: Chunk, nodes: np.ndarray) -> np.ndarray:
-    """Bernstein coefficients (27, n_cells) of the Jacobian by the volume of the cell on the baseline."""
-    # infinite where they are zero by a collapsed edge
+    """Bernstein coefficients (27, n_cells) of the Jacobian, divided by the volume of the cell on the baseline."""
+    # infinite if they are zero because of a collapsed edge
     x, _, sign, inverse = _cells_of(chunk, nodes)
     coefficients = np.empty((N_COEFFICIENTS, inverse.size))
     block_coefficients(x, chunk.solid_bits, sign, chunk.block.shortest, coefficients)
@@ -287,19 +287,19 @@ def chunk_coefficients_jvp(chunk: Chunk, nodes: np.ndarray, d_nodes: np.ndarray)
 
 
 def chunk_coefficients_vjp(chunk: Chunk, nodes: np.ndarray, bar: np.ndarray, nodes_bar: np.ndarray) -> None:
-    """Add the adjoint of the nodes from that of the coefficients."""
+    """Add the adjoint of the nodes from the adjoint of the coefficients."""
     x, bits, sign, inverse = _cells_of(chunk, nodes)
     with chunk.added(nodes_bar) as solid_bar:
         coefficients_vjp(x, bits, sign, bar * inverse, as_points(solid_bar))
 
 
 def _cells_of(chunk: Chunk, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
-    """Nodes, degenerate corners, handedness and inverse volumes, as kernels take them."""
+    """Nodes, degenerate corners, handedness and inverse volumes, as arguments of kernels."""
     block = chunk.block
     points = as_points(chunk.solid(nodes, block.normal))
     return points, chunk.degenerate_corners, block.sign, block.inverse_volume[chunk.in_block]
 
 
 def _part(chunk: Chunk, of_cells: np.ndarray) -> np.ndarray:
-    """View of what a chunk has of numbers of all cells, which may have no size."""
+    """View of a chunk's part of an array over all cells, which may have no size."""
     return of_cells[chunk.in_grid]

@@ -1,9 +1,9 @@
-"""Cells and faces of all blocks in one list, as unstructured flow solvers want them.
+"""Cells and faces of all blocks in one list, for unstructured flow solvers.
 
 Cells are numbered block after block, each block in C order. Every face has a cell to its left; inner faces, of blocks
-and of interfaces in any orientation, have one to their right. Corners of a face run so that half the cross product of
-its diagonals points out of the left cell, whatever the handedness of the block. A node that blocks share is always
-taken from the same row of the grid vector, so that the faces of every cell close to the last bit.
+and of interfaces in any orientation, have one to their right. Corners of a face are ordered such that half the cross
+product of its diagonals points out of the left cell, whatever the handedness of the block. A node that blocks share is
+always taken from the same row of the grid vector, so the faces of every cell close to the last bit.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -26,20 +26,20 @@ from .quads import area_vectors
 __all__ = ["BoundaryFaces", "CellFaces"]
 
 _ROUNDED = np.finfo(float).eps
-"""Volume of a cell, by its surface and the coordinates, that may be none."""
+"""Volume of a cell, relative to its surface and the coordinates, below which it counts as zero."""
 
 NONE = -1
-"""In lists of cells: there is none."""
+"""Entry of lists of cells for no cell."""
 
 NUMBER = np.int32
-"""Type of numbers of cells and nodes in lists of faces, which are a tenth of what a flow keeps of its grid."""
+"""Type of numbers of cells and nodes in lists of faces, which are a tenth of a flow's storage for its grid."""
 
 
 @dataclass(frozen=True)
 class BoundaryFaces:
     """The faces of one patch."""
 
-    name: str  # name of the patch; ``unassigned`` for what no patch claims
+    name: str  # name of the patch; ``unassigned`` for faces of no patch
     kind: str | None  # kind of the patch
     # range of its faces in the list of all
     start: int
@@ -51,29 +51,29 @@ class CellFaces:
     """Faces between the cells of a multi-block grid, the inner ones first, then patch after patch."""
 
     layout: BlockLayout  # of the cells
-    corners: np.ndarray  # int (n_faces, 4), rows of a face's corners in the grid vector, see the head of the module
+    corners: np.ndarray  # int (n_faces, 4), rows of a face's corners in the grid vector, see the module docstring
     left: np.ndarray  # int (n_faces,), cell on the left of each face
     right: np.ndarray  # int (n_inner,), cell on the right of each inner face
-    # cell behind the left cell as seen from the face, along the grid line through it, and behind the right one; -1
-    # where there is none
+    # cell behind the left cell as seen from the face, along the grid line through it, and behind the right cell; -1
+    # if there is none
     beyond_left: np.ndarray  # int (n_faces,)
     beyond_right: np.ndarray  # int (n_inner,)
-    # third cell of the grid line from each boundary face inwards; -1 where there is none
+    # third cell of the grid line from each boundary face inwards; -1 if there is none
     third: np.ndarray  # int (n_faces - n_inner,)
     boundary: tuple[BoundaryFaces, ...]  # the patches
     n_ghosts: int = 0  # cells of other processes; their numbers follow those of the cells
-    # windows of the blocks that the layout is of; None where they are the blocks
+    # windows of the blocks of the layout; None if they are whole blocks
     pieces: tuple[Window, ...] | None = None
-    # numbers of the boundary faces among those of all pieces, patch after patch; None where they are all
+    # numbers of the boundary faces among the faces of all pieces, patch after patch; None if they are all
     numbers_in_grid: np.ndarray | None = None  # int (n_faces - n_inner,), or None
 
     @classmethod
     def of(
         cls,
         topology: Topology,  # how its blocks are joined
-        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m), which tell the handedness of each block
+        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m), which determine the handedness of each block
     ) -> CellFaces:
-        """List the faces of a grid. `InputError` if a block has no cells, or its cells have no volume in sum."""
+        """List the faces of a grid. `InputError` if a block has no cells, or the sum of its cell volumes is zero."""
         blocks = _blocks(topology, nodes)
         inner = [faces for block in blocks for faces in block.inner()]
         inner += [_interface(blocks, interface) for interface in topology.interfaces]
@@ -119,18 +119,18 @@ class CellFaces:
         return self.corners[self.faces_of(kind)]
 
     def sum_over_cells(self, values: np.ndarray, sign: float = -1.0) -> np.ndarray:
-        """Sum numbers of the faces, shape (n_faces,), over those of every cell."""
-        # Those of a face count for the cell on its left, and times ``sign`` for the one on its right.
+        """Sum numbers of the faces, shape (n_faces,), over the faces of every cell."""
+        # The number of a face counts for the cell on its left, and times ``sign`` for the cell on its right.
         n = self.n_cells + self.n_ghosts
         left = np.bincount(self.left, values, n)
         return (left + sign * np.bincount(self.right, values[: self.n_inner], n))[: self.n_cells]
 
     def sizes(self, nodes: np.ndarray) -> np.ndarray:
-        """Areas (m^2) of the surfaces of all cells, shape (n_cells,), of nodes, shape (n_nodes, 3)."""
+        """Areas (m^2) of the surfaces of all cells, shape (n_cells,), from nodes, shape (n_nodes, 3)."""
         return self.sum_over_cells(np.linalg.norm(area_vectors(nodes[self.corners]), axis=1), 1.0)
 
     def volumes(self, nodes: np.ndarray) -> np.ndarray:
-        """Volumes (m^3) of all cells, shape (n_cells,), negative where a cell is inside out."""
+        """Volumes (m^3) of all cells, shape (n_cells,), negative if a cell is inside out."""
         corners = nodes[self.corners]
         return self.sum_over_cells(np.sum(area_vectors(corners) * corners.mean(axis=1), axis=1)) / 3.0
 
@@ -234,7 +234,7 @@ def _signed_volume(x: np.ndarray) -> float:
 def _interface(
     blocks: Sequence[_Block], interface: Interface
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Faces of an interface, as `_Block.inner` gives those of a block."""
+    """Faces of an interface, in the form of `_Block.inner`."""
     quads, left, left_slot = blocks[interface.a.block].window(interface.a)
     _, right, right_slot = blocks[interface.b.block].window(interface.b)
     right = interface.orientation.apply(right).ravel()

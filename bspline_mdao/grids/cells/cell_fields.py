@@ -1,4 +1,4 @@
-"""What is known of every cell of a grid, block by block: for files that ParaView shows, and for pictures.
+"""Fields of the cells of a grid, block by block: for files that ParaView shows, and for pictures.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -33,9 +33,9 @@ def cell_fields(grid: Grid) -> dict[str, list[np.ndarray]]:
     # `InputError` if no block has cells, or all nodes of a block are at one point
     # returns by the names in `FIELDS`, one array per block, of shape (ni - 1, nj - 1, nk - 1), where a direction with
     # one node has one layer. ``Q`` of Eq. (9) and ``smallest_corner``, the smallest corner triple product of unit edges
-    # (not a number in a block without cells); ``wall_height`` of the first cells off walls (m), the mean at the nodes
-    # of the cell on the wall, and not a number elsewhere; the numbers ``block`` and ``patch`` from 1, where a cell at
-    # no patch has 0, and one at several that of a wall before that of a plane of symmetry
+    # (NaN in a block without cells); ``wall_height`` of the first cells off walls (m), the mean at the nodes of the
+    # cell on the wall, and NaN elsewhere; the numbers ``block`` and ``patch`` from 1, where a cell at no patch has 0,
+    # and a cell at several patches counts for a wall before a plane of symmetry
     shapes = [tuple(max(n - 1, 1) for n in shape) for shape in grid.shapes]
     found = {name: [np.full(shape, np.nan) for shape in shapes] for name in FIELDS[:3]}
     quality, nodes = GridQuality.of_baseline(grid), grid.to_vector().reshape(-1, 3)
@@ -49,7 +49,7 @@ def cell_fields(grid: Grid) -> dict[str, list[np.ndarray]]:
 
 
 def patch_numbers(grid: Grid) -> list[np.ndarray]:
-    """Number, from 1, of the patch at every cell; 0 where there is none. One array per block, see `cell_fields`."""
+    """Number, from 1, of the patch at every cell, 0 if there is none; one array per block, see `cell_fields`."""
     found = [np.zeros(tuple(max(n - 1, 1) for n in shape), dtype=np.int32) for shape in grid.shapes]
     numbered = list(enumerate(grid.patches, 1))
     for kind in reversed(PATCH_KINDS):  # a cell at several patches counts for the first of the kinds
@@ -85,7 +85,7 @@ def cell_middle(nodes: np.ndarray, index: Sequence[int]) -> np.ndarray:
 
 
 def _set_heights(grid: Grid, quality: GridQuality, nodes: np.ndarray, heights: list[np.ndarray]) -> None:
-    """Set the heights of the cells behind walls: means of those of their nodes on the wall that have one."""
+    """Set the heights of the cells behind walls: means over their nodes on the wall that have one."""
     first = quality.first_cells
     values, places = first.heights(nodes), first.places
     walls = [patch for patch in grid.patches if patch.kind == "wall"]
@@ -102,7 +102,7 @@ def _set_heights(grid: Grid, quality: GridQuality, nodes: np.ndarray, heights: l
 
 
 def _mean_at_corners(on_nodes: np.ndarray) -> np.ndarray:
-    """Mean over the corners of each face of a window of the numbers that are there."""
+    """Mean over the corners of each face of a window, ignoring corners without a value."""
     sums = np.zeros(tuple(max(n - 1, 1) for n in on_nodes.shape))
     counts = np.zeros_like(sums)
     for corner in np.ndindex(*(min(n, 2) for n in on_nodes.shape)):

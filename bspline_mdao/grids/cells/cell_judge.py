@@ -1,6 +1,6 @@
-"""What judges the cells of a mesh, whatever their kinds: bounds with derivatives, reports, cells that are inverted.
+"""Quality of the cells of a mesh, whatever their kinds: bounds with derivatives, reports, inverted cells.
 
-Of grids of blocks that is `GridQuality` with its baseline and reports (`BlocksJudge`), of meshes of mixed cells
+For grids of blocks this is `GridQuality` with its baseline and reports (`BlocksJudge`), for meshes of mixed cells
 `.mixed_quality.MixedQuality`.
 
 Theory: ``docs/theory/quality.rst``.
@@ -26,7 +26,7 @@ __all__ = ["BlocksJudge", "CellJudge"]
 
 
 class CellJudge(Protocol):
-    """Quality of cells as a function of nodes; the baseline has decided what is discrete."""
+    """Quality of cells as a function of nodes; the baseline has made all discrete decisions."""
 
     @property
     def baseline(self) -> np.ndarray:
@@ -42,10 +42,10 @@ class CellJudge(Protocol):
 
     @property
     def aggregates(self) -> tuple[str, ...]:
-        """Names of the aggregates that there are."""
+        """Names of the available aggregates."""
 
     def require(self, names: Sequence[str], cells: bool = False) -> None:
-        """Refuse names of aggregates that there are not, or Q of every cell where cells have none."""
+        """Refuse unknown names of aggregates, or Q of every cell if cells have none."""
 
     def evaluate(self, nodes: np.ndarray, names: Sequence[str] | None = None, cells: bool = False) -> GridValues:
         """Aggregate the quality of the cells."""
@@ -60,10 +60,10 @@ class CellJudge(Protocol):
         """Report for people."""
 
     def summary(self, nodes: np.ndarray) -> dict[str, float]:
-        """Numbers to keep of many grids: those of a kind of cells, ``n_newly_inverted``, and ratios of heights."""
+        """Scalars to store for many grids: of the kind of cells, ``n_newly_inverted``, and ratios of heights."""
 
     def newly_inverted(self, nodes: np.ndarray) -> str:
-        """Name the worst cell that is inverted and was not on the baseline, and what it is at; empty if none is."""
+        """Name the worst newly inverted cell, and its patch or marker; empty if none is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class BlocksJudge(GridQuality):
         return report_quality(self, nodes, n_bins)
 
     def summary(self, nodes: np.ndarray) -> dict[str, float]:
-        """Smallest Q, corner and volume, mean Q, inverted cells, and heights at walls by those of the baseline."""
+        """Smallest Q, corner and volume, mean Q, inverted cells, and heights at walls relative to the baseline."""
         with together(self.pieces.comm):
             rows = np.array([(0, 0, 0.0, *3 * [np.inf]), *self.over_cells(nodes, _numbers_of)])
             (n_inverted, n_new, total), least = rows[:, :3].sum(axis=0).tolist(), rows[:, 3:].min(axis=0)
@@ -101,7 +101,7 @@ class BlocksJudge(GridQuality):
         return found | ({"height_min": min(lows), "height_max": max(highs)} if max(highs) else {})
 
     def newly_inverted(self, nodes: np.ndarray) -> str:
-        """Name the worst cell, its corner, and the patches of such cells."""
+        """Name the worst newly inverted cell, its corner, and the patches of such cells."""
         inverted = inverted_cells(self, self.cells_in_turn(nodes), newly=True)
         if not inverted:
             return ""
@@ -113,7 +113,7 @@ class BlocksJudge(GridQuality):
 
 
 def _numbers_of(chunk: Chunk, points: np.ndarray) -> tuple[float, ...]:
-    """Inverted cells, those that were valid on the baseline, the sum of Q, and the smallest Q, corner and volume."""
+    """Inverted cells, newly inverted cells, the sum of Q, and the smallest Q, corner and volume."""
     bits = chunk.degenerate_corners
     n_valid, total, *least = block_numbers(points, bits, chunk.block.sign)
     if n_valid == bits.size and np.isfinite([total, *least]).all():

@@ -1,9 +1,9 @@
 """Loops that measure all cells of a block or of a list: the formulas of `.orthogonality`, many cells at a time.
 
 The formulas are straight-line code on the twelve edges of one cell. Here they are called with `Lanes`, one cell in each
-(`bspline_mdao.base.numerics.lanes`). Points come and go as flat arrays of records, from eight offsets, one per corner
-of the cells. What is not asked for is given as an array of no size, of which nothing is read, and nothing written to
-it.
+(`bspline_mdao.base.numerics.lanes`). Points are read and written as flat arrays of records, from eight offsets, one per
+corner of the cells. Quantities that are not wanted are passed as arrays of no size, which are neither read nor
+written.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -70,13 +70,13 @@ __all__ = [
 ]
 
 POINT = np.dtype([(name, np.float64) for name in "xyz"])
-"""A point as a record, as kernels take it."""
+"""A point as a record, the type of kernels."""
 
 
 def as_points(
     nodes: np.ndarray,  # (..., 3), coordinates (m)
 ) -> np.ndarray:  # (...)
-    """View coordinates ``(..., 3)`` as records of type `POINT`; copied where they are not contiguous."""
+    """View coordinates ``(..., 3)`` as records of type `POINT`; copied if they are not contiguous."""
     return np.ascontiguousarray(nodes, dtype=np.float64).view(POINT)[..., 0]
 
 
@@ -121,7 +121,7 @@ def _set(triples, jacobians, place, n, bits, bit, values, without):
 
 @njit(**FAST)
 def _bars_of_corner(triples_bar, jacobians_bar, place, n, bits, bit, sign, edges, inverses):
-    """Adjoints of the three edges of a corner from those of its triple product and Jacobian; none where degenerate."""
+    """Adjoints of the three edges of a corner from its triple product and Jacobian; none if degenerate."""
     triple_bar = with_bits(bits, bit, load(triples_bar, place, n), 0.0)
     jacobian_bar = load(jacobians_bar, place, n if jacobians_bar.size > 0 else 0)
     return corner_vjp(sign, edges, inverses, triple_bar, with_bits(bits, bit, jacobian_bar, 0.0))
@@ -129,7 +129,7 @@ def _bars_of_corner(triples_bar, jacobians_bar, place, n, bits, bit, sign, edges
 
 @njit(**FAST)
 def _bar_of_point(signs, edge_bars):
-    """Adjoint of a corner from those of its three edges, each of which it ends (1) or starts (-1)."""
+    """Adjoint of a corner from the adjoints of its three edges, each of which it ends (1) or starts (-1)."""
     (s, t, r), (a, b, c) = signs, edge_bars
     return s * a[0] + t * b[0] + r * c[0], s * a[1] + t * b[1] + r * c[1], s * a[2] + t * b[2] + r * c[2]
 
@@ -161,7 +161,7 @@ def _measure(edges, inverses, bits, sign, triples, jacobians, volume, n_cells, c
 
 @njit(**FAST)
 def _measure_jvp(edges, d_edges, inverses, bits, sign, d_triples, d_jacobians, d_volume, n_cells, cell, n):
-    """Change of what `_measure` writes."""
+    """Change of the results of `_measure`."""
     without = (0.0, 0.0)
     e, d_e, i = at_corners(*edges), at_corners(*d_edges), at_corners(*inverses)
     values = corner_jvp(sign, e[0], i[0], d_e[0])
@@ -186,7 +186,7 @@ def _measure_jvp(edges, d_edges, inverses, bits, sign, d_triples, d_jacobians, d
 
 @njit(**FAST)
 def _measure_vjp(edges, inverses, bits, sign, triples_bar, jacobians_bar, volume_bars, n_cells, cell, n):
-    """Adjoints of the eight corners of cells, from those of what `_measure` writes and of the edges by the volume."""
+    """Adjoints of the eight corners of cells, from the adjoints of `_measure` and of the edges by the volume."""
     e, i, tb, jb = at_corners(*edges), at_corners(*inverses), triples_bar, jacobians_bar
     bar_0 = _bars_of_corner(tb, jb, 0 * n_cells + cell, n, bits, np.uint8(1), sign, e[0], i[0])
     bar_1 = _bars_of_corner(tb, jb, n_cells + cell, n, bits, np.uint8(2), sign, e[1], i[1])
@@ -202,7 +202,7 @@ def _measure_vjp(edges, inverses, bits, sign, triples_bar, jacobians_bar, volume
 
 @njit(**FAST)
 def _bars_of_points(edge_bars):
-    """Adjoints of the eight corners of cells from those of the edges."""
+    """Adjoints of the eight corners of cells from the adjoints of the edges."""
     bars = at_corners(*edge_bars)
     return (
         _bar_of_point((-1.0, -1.0, -1.0), bars[0]),
@@ -218,7 +218,7 @@ def _bars_of_points(edge_bars):
 
 @njit(**FAST)
 def _with(so_far, bits, bit, sign, edges, inverses):
-    """Product and least of the triple products and least Jacobian with one corner more, unless it is degenerate."""
+    """Product and least of the triple products and least Jacobian with one more corner, unless it is degenerate."""
     triple, jacobian = corner_measures(sign, edges, inverses)
     triple, jacobian = with_bits(bits, bit, triple, 1.0), with_bits(bits, bit, jacobian, np.inf)
     product, least, smallest = so_far
@@ -261,7 +261,7 @@ def block_bounds(
     x,  # (ni, nj, nk), nodes
     degenerate,  # uint8 (ni-1, nj-1, nk-1), bit c is set where corner c is degenerate
     sign,  # handedness
-    inverse_volume,  # (n_cells,), 1 / volume on the baseline; 0 where there was none
+    inverse_volume,  # (n_cells,), 1 / volume on the baseline; 0 without volume
     bounds,  # of `BOUND`, references and totals are set
     q,  # (n_cells,), result, or of no size
 ):
@@ -288,7 +288,7 @@ def block_bounds(
 
 @njit(cache=True, nogil=True)
 def block_jvp(
-    # see `block_bounds`; references are those of the values
+    # see `block_bounds`; references belong to the values
     x,
     d_x,  # (ni, nj, nk), change of the nodes
     degenerate,
@@ -297,7 +297,7 @@ def block_jvp(
     bounds,  # totals are set to the changes of the bounds
     d_q,  # (n_cells,), result, or of no size
 ):
-    """Change of what `block_bounds` gives with the nodes."""
+    """Change of `block_bounds` with the nodes."""
     flags, layers = degenerate.reshape(-1), new_layers(x.shape)
     rows, totals = new_rows(), aligned_zeros(bounds.size * LANES)
     triples, jacobians, volume = rows_of(bounds, rows)
@@ -326,7 +326,7 @@ def block_jvp(
 
 @njit(cache=True, nogil=True)
 def block_vjp(
-    # see `block_bounds`; references are those of the values, seeds their adjoints
+    # see `block_bounds`; references belong to the values, seeds are their adjoints
     x,
     degenerate,
     sign,
@@ -335,7 +335,7 @@ def block_vjp(
     q_bar,  # (n_cells,), adjoint of Q of each cell, or of no size
     x_bar,  # (ni, nj, nk), added to
 ):
-    """Add the adjoint of the nodes, from those of what `block_bounds` gives, to ``x_bar``."""
+    """Add the adjoint of the nodes, from the adjoints of `block_bounds`, to ``x_bar``."""
     flags, layers, node_bars = degenerate.reshape(-1), new_layers(x.shape), new_bars(x.shape)
     rows, bars = new_rows(), new_rows()
     triples, jacobians, volume = rows_of(bounds, rows)
@@ -436,7 +436,7 @@ def list_measures(x, degenerate, triples, jacobians, volume):
 
 @njit(cache=True, nogil=True)
 def list_vjp(x, degenerate, triples_bar, jacobians_bar, volume_bar, x_bar):
-    """Add the adjoint of the corners, from those of what `list_measures` gives, to ``x_bar``."""
+    """Add the adjoint of the corners, from the adjoints of `list_measures`, to ``x_bar``."""
     points, bar, t, c = x.reshape(-1), x_bar.reshape(-1), triples_bar.reshape(-1), jacobians_bar.reshape(-1)
     for cell in range(0, x.shape[1], LANES):
         n, at = min(LANES, x.shape[1] - cell), _corners_of_list(x.shape, cell)

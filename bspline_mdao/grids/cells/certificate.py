@@ -26,7 +26,7 @@ __all__ = ["BlockCertificate", "Certificate", "certify_cells", "joined", "of_sta
 STATUSES = {VALID: "valid", UNDECIDED: "undecided", INVALID: "invalid"}
 
 MOST_NAMED = 5
-"""Places of a block that are named, at most."""
+"""Largest number of places to name per block."""
 
 
 @dataclass(frozen=True)
@@ -34,18 +34,18 @@ class BlockCertificate(OneLine):
     """What is proved about the cells, or the elements of the spline, of one block."""
 
     block: str  # name of the block
-    what: str  # what it is about
-    n: int  # number of them
-    # how many are proved invalid, and of how many nothing is proved
+    what: str  # what is counted
+    n: int  # their number
+    # how many are proved invalid, and how many are undecided
     n_invalid: int
     n_undecided: int
     # some of these, i, j, k or one number, from 1, and what is known; the invalid ones first
     places: tuple[tuple[int | str, ...], ...]
-    part: str = "block"  # what a block is, where it is none: a kind of cells
+    part: str = "block"  # what a block is called, if it is not a block: a kind of cells
 
     @property
     def status(self) -> str:
-        """``"valid"``: all are; ``"invalid"``: one is not, at least; ``"undecided"`` otherwise."""
+        """``"valid"`` if all are, ``"invalid"`` if at least one is not, ``"undecided"`` otherwise."""
         return "invalid" if self.n_invalid else "undecided" if self.n_undecided else "valid"
 
     def __str__(self) -> str:
@@ -60,14 +60,14 @@ class BlockCertificate(OneLine):
 
 @dataclass(frozen=True)
 class Certificate(OneLine):
-    """What is proved about a grid: of the trilinear maps of its cells, and of its splines where it has some."""
+    """What is proved about a grid: about the trilinear maps of its cells, and its splines if it has some."""
 
     cells: tuple[BlockCertificate, ...]  # one for each block that has cells
-    splines: tuple[BlockCertificate, ...] = ()  # one for each volume of a fitted model; empty for a grid alone
+    splines: tuple[BlockCertificate, ...] = ()  # one for each volume of a fitted model; empty for a plain grid
 
     @property
     def status(self) -> str:
-        """``"valid"``: all blocks are; ``"invalid"``: one is not, at least; ``"undecided"`` otherwise."""
+        """``"valid"`` if all blocks are, ``"invalid"`` if at least one is not, ``"undecided"`` otherwise."""
         found = {part.status for part in (*self.cells, *self.splines)}
         return "invalid" if "invalid" in found else "undecided" if "undecided" in found else "valid"
 
@@ -81,7 +81,7 @@ class Certificate(OneLine):
         return f"Certificate({self.status}: {'; '.join(parts)})"
 
     def lines(self) -> list[str]:
-        """Sum up, and name what is not valid, block by block."""
+        """Summarise, and name what is not valid, block by block."""
         lines = []
         for parts in (self.cells, self.splines):
             if parts:
@@ -104,11 +104,11 @@ def of_statuses(
     # see `BlockCertificate`
     block: str,
     what: str,
-    status: np.ndarray,  # uint8 (n_i, n_j, n_k), what is known of each; or (n,)
+    status: np.ndarray,  # uint8 (n_i, n_j, n_k), status of each; or (n,)
     offset: tuple[int, ...] = (0, 0, 0),  # number, from 0, of the first
     part: str = "block",
 ) -> BlockCertificate:
-    """Sum up the statuses of a block."""
+    """Summarise the statuses of a block."""
     n_invalid, n_undecided = (int(np.count_nonzero(status == value)) for value in (INVALID, UNDECIDED))
     places: list[tuple[int | str, ...]] = []
     for value in (INVALID, UNDECIDED):
@@ -119,7 +119,7 @@ def of_statuses(
 
 
 def joined(parts: Iterable[BlockCertificate]) -> BlockCertificate:
-    """Join what is known of the pieces of one block."""
+    """Join what is known about the pieces of one block."""
     parts = list(parts)
     places = sorted((place for part in parts for place in part.places), key=lambda p: (p[-1] != "invalid", p[:-1]))
     n, n_invalid, n_undecided = (sum(getattr(p, name) for p in parts) for name in ("n", "n_invalid", "n_undecided"))
@@ -128,11 +128,11 @@ def joined(parts: Iterable[BlockCertificate]) -> BlockCertificate:
 
 
 def certify_cells(
-    quality: GridQuality,  # the cells, and what the baseline decided about them. All its processes call this
+    quality: GridQuality,  # the cells, and what the baseline decided about them; all processes call it
     nodes: np.ndarray,  # (n_nodes, 3), nodes of this process (m)
     max_halvings: int = MAX_HALVINGS,  # see `bspline_mdao.grids.cells.bernstein.decide`
 ) -> tuple[BlockCertificate, ...]:  # one for each block of the grid that has cells
-    """Prove which cells are valid: whose trilinear maps have a positive Jacobian everywhere inside."""
+    """Prove which cells are valid: cells whose trilinear maps have a positive Jacobian everywhere inside."""
     local, pieces = [], quality.pieces
     normals = quality.normals(nodes)
     with together(pieces.comm):
@@ -156,7 +156,7 @@ def statuses_of(
     n_threads: int | None = None,
 ) -> np.ndarray:
     """Statuses of the cells of a block of a grid with nodes (n_nodes, 3), in the shape of its cells."""
-    # ``normal`` is that of a planar block now; its mean one by default.
+    # ``normal`` belongs to a planar block as it is now; its mean normal by default.
     status = np.empty(block.n_cells, dtype=np.uint8)
     if block.flat is not None and normal is None:
         normal = mean_normal(np.moveaxis(block.nodes_of(nodes), block.flat, 2)[:, :, 0])

@@ -1,6 +1,6 @@
-"""Grids of curved hexahedra: elements whose sides are polynomials, for solvers of high order.
+"""Grids of curved hexahedra: elements with polynomial sides, for high-order solvers.
 
-An element of degree d has (d + 1)^3 nodes; at equally spread places of its reference cube its map is the polynomial of
+An element of degree d has (d + 1)^3 nodes at evenly spaced places of its reference cube; its map is the polynomial of
 degree d in each direction through them. Theory: ``docs/theory/high_order.rst``.
 """
 
@@ -21,7 +21,7 @@ from .hexahedron import COLLAPSE_TOLERANCE
 __all__ = ["CurvedGrid", "CurvedPatch"]
 
 CHUNK = 2**11
-"""Elements at a time whose Jacobians are computed."""
+"""Number of elements whose Jacobians are computed at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +47,9 @@ class CurvedGrid(OneLine):
     elements : ndarray of int, shape (n, d + 1, d + 1, d + 1)
         Nodes of every element on its lattice; right-handed.
     patches : tuple of CurvedPatch
-        The boundary; what has no name is the patch ``boundary``.
+        The boundary; faces without a name are the patch ``boundary``.
     places : ndarray of int, shape (n, 4)
-        Block and cell of the family member, from 0, that every element is.
+        Block and cell of the family member, from 0, of every element.
     source : str
         Where the grid came from, for messages.
 
@@ -72,7 +72,7 @@ class CurvedGrid(OneLine):
 
     @cached_property
     def is_collapsed(self) -> np.ndarray:
-        """Elements that have a node more than once, where edges or faces have collapsed; shape (n,)."""
+        """Elements that have a node more than once, because edges or faces have collapsed; shape (n,)."""
         ordered = np.sort(self.elements.reshape(len(self.elements), -1), axis=1)
         return (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
 
@@ -105,10 +105,10 @@ class CurvedGrid(OneLine):
         return np.einsum("npq,p,q->n", np.linalg.norm(np.cross(x_a, x_b), axis=-1), weights / 2.0, weights / 2.0)
 
     def worst_jacobians(self) -> np.ndarray:
-        """Smallest determinant of every element's map, by the largest; shape (n,).
+        """Smallest determinant of every element's map, relative to the largest; shape (n,).
 
-        It is sampled at Gauss points, and at the nodes of elements that have not collapsed: an element with a value of
-        0 or less is inverted, one above 0 may be inverted between the points: see `statuses`.
+        It is sampled at Gauss points, and at the nodes of elements that have not collapsed. An element with a value of
+        0 or less is inverted; one with a positive value may still be inverted between the points: see `statuses`.
         """
         worst = np.empty(len(self.elements))
         largest = np.empty(len(self.elements))
@@ -122,9 +122,9 @@ class CurvedGrid(OneLine):
         return worst / np.where(largest > 0.0, largest, 1.0)
 
     def statuses(self) -> np.ndarray:
-        """What is proved of every element by lower bounds of its Jacobian, shape (n,), see `lagrange_validity`.
+        """What is proved about every element by lower bounds of its Jacobian, shape (n,), see `lagrange_validity`.
 
-        Where edges have collapsed, the Jacobian may be zero there.
+        On collapsed edges the Jacobian may be zero.
 
         Returns
         -------
@@ -151,14 +151,14 @@ class CurvedGrid(OneLine):
             yield part, np.einsum("npqrx,npqrx->npqr", columns[0], np.cross(columns[1], columns[2]))
 
     def points(self, patch: str, n: int) -> np.ndarray:
-        """Points of the faces of a patch at n x n equally spread places of each; shape (n_faces, n, n, 3).
+        """Points of the faces of a patch at n x n evenly spaced places of each; shape (n_faces, n, n, 3).
 
         Parameters
         ----------
         patch : str
             Its name.
         n : int
-            Points per direction, those at both ends included.
+            Points per direction, both ends included.
 
         Raises
         ------
@@ -185,7 +185,7 @@ def lagrange(
     degree: int,  # their degree d
     points: np.ndarray,  # (n,), where they are evaluated
 ) -> tuple[np.ndarray, np.ndarray]:  # values, slopes each (n, d + 1)
-    """Lagrange polynomials through equally spread places of [0, 1], and their derivatives."""
+    """Lagrange polynomials through evenly spaced places of [0, 1], and their derivatives."""
     places = np.linspace(0.0, 1.0, degree + 1)
     values, slopes = np.ones((2, len(points), degree + 1))
     for m, place in enumerate(places):

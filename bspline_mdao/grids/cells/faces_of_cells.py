@@ -1,4 +1,4 @@
-"""Faces of cells of one kind, of meshes with millions of cells.
+"""Faces of cells of one kind, for meshes with millions of cells.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -16,10 +16,10 @@ __all__ = ["write_faces"]
 def write_faces(
     points: np.ndarray,  # (n, 3), nodes (m)
     corners: np.ndarray,  # int (n_cells, n_corners), corners of the cells
-    pattern: np.ndarray,  # int (n_faces, 4), corners of the faces of one, around the normal out of it
-    faces: np.ndarray,  # int (n_cells * n_faces, 4), faces of all, written in place
+    pattern: np.ndarray,  # int (n_faces, 4), corners of the faces of one cell, around the outward normal
+    faces: np.ndarray,  # int (n_cells * n_faces, 4), faces of all cells, written in place
 ) -> None:
-    """Write the faces of cells, around the normal out of these, which is that of most of them."""
+    """Write the faces of cells, around their outward normals, as most of the cells define it."""
     n_negative = _write(np.ascontiguousarray(points), np.ascontiguousarray(corners, faces.dtype), pattern, faces)
     if n_negative > 0.5 * len(corners):
         faces[:] = faces[:, ::-1].copy()

@@ -1,4 +1,4 @@
-r"""Heights of the first cells at walls, and their ratios to those of the baseline.
+r"""Heights of the first cells at walls, and their ratios to the baseline.
 
 The height at a wall node is the distance of the next node off the wall along the wall's unit normal there::
 
@@ -8,11 +8,11 @@ The height at a wall node is the distance of the next node off the wall along th
                |  \             face alone, summed; for a planar block, lines with the block's normal for depth
     -----------+---o---- wall
 
-Every window of a face has entries of its own. Where two windows meet in a sharp edge, each side is measured along its
-own normal, and all heights are smooth functions of the nodes. Entries that have no height on the baseline are left out:
+Every window of a face has its own entries. If two windows meet at a sharp edge, each side is measured along its own
+normal, and all heights are smooth functions of the nodes. Entries that have no height on the baseline are left out:
 where the line off the wall has collapsed or points into the wall, and where the wall has no normal.
 
-Where processes hold pieces of the grid, a window may be cut. Each of its nodes then has its entry on the first process
+If processes hold pieces of the grid, a window may be cut. Each of its nodes then has its entry on the first process
 that has cells at it, and the area vectors around nodes on the cut are summed over the processes.
 
 Theory: ``docs/theory/quality.rst``.
@@ -42,7 +42,7 @@ __all__ = ["FirstCells", "WallNode"]
 
 KNIFE_EDGE = 1e-6
 """Length of the summed area vectors, relative to the sum of their lengths, below which quads around a node have no
-normal: areas that cancel, as where a surface is folded flat, leave round-off."""
+normal: areas that cancel, as where a surface is folded flat, leave only round-off."""
 
 
 @dataclass(frozen=True)
@@ -61,34 +61,34 @@ class WallNode:
 
 @dataclass(frozen=True, eq=False)
 class FirstCells(OneLine):
-    """First cells at the walls of a grid, with what stays as it was on the baseline; make it by `of_baseline`."""
+    """First cells at the walls of a grid, with what the baseline has decided; make it by `of_baseline`."""
 
     # Entries are in the order of the patches, their windows and, in each, the C order of its nodes. Entries, points and
-    # rows are those of this process.
+    # rows are local to this process.
 
     pieces: Pieces  # pieces of the grid that the processes hold
     patches: tuple[str, ...]  # walls
     rows: np.ndarray  # int (n_points,), row in the grid of the wall's nodes, window by window
-    # numbers of the points among those of all walls: the same where windows are cut and processes share nodes
+    # numbers of the points among the points of all walls: equal where windows are cut and processes share nodes
     keys: np.ndarray  # int (n_points,)
-    # added to them: the normal of a planar block for the second line of its wall, which makes quads of it
+    # added to them: the normal of a planar block for the second line of its wall, which completes the quads
     depth: np.ndarray  # (n_points, 3)
     # corners of the wall's quads among the points, around the normal into the fluid
     quads: np.ndarray  # int (n_quads, 4)
     at: np.ndarray  # int (n,), point of every entry
-    next_rows: np.ndarray  # int (n,), row in the grid of the node next to it
+    next_rows: np.ndarray  # int (n,), row in the grid of its next node off the wall
     patch_ids: np.ndarray  # int (n,), number of its patch
-    baseline: np.ndarray  # (n,), its height on the baseline (m)
+    baseline: np.ndarray  # (n,), height of every entry on the baseline (m)
     # nodes of each patch that have no height on the baseline, on all processes
     n_left_out: np.ndarray  # int (n_patches,)
-    n_of_all: int  # entries of all processes
+    n_of_all: int  # number of entries on all processes
     cut_keys: np.ndarray  # keys of the points at which any window is cut: the same on all processes
 
     @classmethod
     def of_baseline(
         cls,
         grid: Grid,  # the grid. Its walls are its patches of kind ``"wall"``
-    ) -> FirstCells:  # without entries where the grid has no walls
+    ) -> FirstCells:  # without entries if the grid has no walls
         """Find the first cells at the walls of a baseline grid.
 
         Examples
@@ -108,7 +108,7 @@ class FirstCells(OneLine):
         pieces: Pieces,
         nodes: np.ndarray,  # (n_nodes, 3), nodes of this process (m)
         frames: Sequence[Frame],  # frame of the block of each of its pieces, see `Pieces.frames`
-    ) -> FirstCells:  # without entries where it has no walls
+    ) -> FirstCells:  # without entries if it has no walls
         """Find the first cells at the walls of a baseline grid in pieces; all processes call it."""
         walls = [patch for patch in pieces.patches if patch.kind == "wall"]
         faces, cut_keys = [_Face.none()], [np.zeros(0, dtype=int)]
@@ -141,7 +141,7 @@ class FirstCells(OneLine):
 
     @property
     def n_bytes(self) -> int:
-        """Memory that the state takes (B)."""
+        """Memory of the state (B)."""
         return sum(value.nbytes for value in vars(self).values() if isinstance(value, np.ndarray))
 
     @property
@@ -152,7 +152,7 @@ class FirstCells(OneLine):
         return np.column_stack([local[number, 0], local[number, 1:] + index + 1])
 
     def by_patch(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Number, and numbers of the entries, of every wall that has heights."""
+        """Number of every wall that has heights, and the numbers of its entries."""
         for number in range(len(self.patches)):
             ids = np.flatnonzero(self.patch_ids == number)
             if ids.size:
@@ -160,7 +160,7 @@ class FirstCells(OneLine):
 
     @property
     def wall_rows(self) -> np.ndarray:
-        """Row in the grid of the wall's node of every entry, shape (n,)."""
+        """Row in the grid of the wall node of every entry, shape (n,)."""
         return self.rows[self.at]
 
     def heights(
@@ -172,7 +172,7 @@ class FirstCells(OneLine):
         return (edges * _units(normals)[0]).sum(axis=1)
 
     def ratios(self, nodes: np.ndarray) -> np.ndarray:
-        """Heights of a grid divided by those of the baseline, shape (n,); see `heights`."""
+        """Heights of a grid divided by the heights of the baseline, shape (n,); see `heights`."""
         return self.heights(nodes) / self.baseline
 
     def ratios_jvp(
@@ -196,7 +196,7 @@ class FirstCells(OneLine):
         bar: np.ndarray,  # (n,), adjoint of the ratios
         nodes_bar: np.ndarray,  # (n_nodes, 3), what the adjoint of the nodes is added to
     ) -> None:
-        """Add the adjoint of the nodes from that of the ratios."""
+        """Add the adjoint of the nodes from the adjoint of the ratios."""
         edges, normals = self._edges_and_normals(nodes)
         units, inverse = _units(normals)
         bar = (bar / self.baseline)[:, None]
@@ -211,7 +211,7 @@ class FirstCells(OneLine):
         np.add.at(nodes_bar, self.rows[self.at], -bar * units)
 
     def _of_some_height(self, nodes: np.ndarray) -> FirstCells:
-        """Return the cells with their heights, without entries that have none: those no higher than ``baseline``."""
+        """Return the cells with their heights, without entries that have none: heights of at most ``baseline``."""
         heights, normals = self.heights(nodes), self._edges_and_normals(nodes)[1]
         areas = self._summed(np.linalg.norm(area_vectors(self._corners(nodes)), axis=1)[:, None] * np.ones(3))[:, 0]
         counts = (heights > self.baseline) & (np.linalg.norm(normals, axis=1) > KNIFE_EDGE * areas)
@@ -233,7 +233,7 @@ class FirstCells(OneLine):
         sums = add_to_nodes(self.quads, corners, self.rows.size)
         if self.cut_keys.size:
             points, numbers = self._shared
-            around = np.zeros((self.cut_keys.size, 4, 3))  # of each quad its own, to be summed as where nothing is cut
+            around = np.zeros((self.cut_keys.size, 4, 3))  # a slot for each quad, to be summed as in an uncut window
             at = np.full(self.rows.size, -1)
             at[points] = numbers
             quad, corner = np.nonzero(at[self.quads] >= 0)
@@ -260,22 +260,22 @@ class FirstCells(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class _WallPart:
-    """Part of a window of a wall that a piece of a block has cells at."""
+    """Part of a window of a wall at which a piece of a block has cells."""
 
     # which process, and which of its pieces
     process: int
     piece: int
-    # number of the window among those of all walls, and of its wall
+    # number of the window among the windows of all walls, and of its wall
     number: int
     patch: int
     direction: int  # direction of the block that leads off the wall
     window: Window  # the part
-    keys: np.ndarray  # numbers of its nodes among those of the windows of all walls
-    is_first: np.ndarray  # nodes that no part before it has
+    keys: np.ndarray  # numbers of its nodes among the nodes of the windows of all walls
+    is_first: np.ndarray  # nodes that no earlier part has
 
 
 def _wall_parts(pieces: Pieces, walls: Sequence[Patch]) -> Iterator[_WallPart]:
-    """Cut the windows of walls into parts, and yield those of this process and all those of windows that are cut."""
+    """Cut the windows of walls into parts, and yield those of this process and all parts of windows that are cut."""
     by_block = _pieces_by_block(pieces)
     windows = [(patch, window) for patch, wall in enumerate(walls) for window in wall.windows]
     starts = BlockLayout.of(window.shape for _, window in windows).starts.tolist()
@@ -304,13 +304,13 @@ def _pieces_by_block(pieces: Pieces) -> dict[int, list[tuple[int, int, Window]]]
 
 
 def _has_quads(part: Window, window: Window) -> bool:
-    """Whether a part of a face window is as wide as that: in all directions in which the window is."""
+    """Whether a part of a face window extends in all directions in which the window does."""
     ends = zip(part.lo, part.hi, window.lo, window.hi)
     return all(lo < hi or lo == hi == first == last for lo, hi, first, last in ends)
 
 
 def _common(a: Window, b: Window) -> Window:
-    """What two windows of a block have in common; its ends are the wrong way round where that is nothing."""
+    """Intersection of two windows of a block; its ends are reversed if it is empty."""
     return Window(a.block, tuple(map(max, a.lo, b.lo)), tuple(map(min, a.hi, b.hi)))
 
 
@@ -321,10 +321,10 @@ def _within(part: Window, window: Window) -> tuple[slice, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Face:
-    """Entries of `FirstCells` of one part of a wall, before those without a height are left out."""
+    """Entries of `FirstCells` of one part of a wall, before entries without a height are left out."""
 
-    # Points are numbered in the face alone; ``points`` has their numbers along its two directions. ``volume`` is that
-    # of `bspline_mdao.grids.topology.boundary_surface.volume_behind`, of the window with number ``number``.
+    # Points are numbered within the face; ``points`` has their numbers along its two directions. ``volume`` is
+    # `bspline_mdao.grids.topology.boundary_surface.volume_behind` of the window with number ``number``.
 
     rows: np.ndarray
     keys: np.ndarray
@@ -339,7 +339,7 @@ class _Face:
 
     @classmethod
     def none(cls) -> _Face:
-        """A face without nodes, so that there is one to join."""
+        """A face without nodes, so there is at least one to join."""
         ids = np.zeros(0, dtype=int)
         return cls(ids, ids, np.zeros((0, 3)), ids.reshape(0, 0), ids, ids, ids, np.zeros(0), 0, 0.0)
 
@@ -352,7 +352,7 @@ class _Face:
         rows, next_rows = (np.take(block, n, axis=d)[others] for n in (at, inner))
         keys, is_first = 2 * part.keys.take(0, axis=d), part.is_first.take(0, axis=d)
         depth, axis = np.zeros((*rows.shape, 3)), None
-        if frame.normal is not None:  # a second line makes quads of the first
+        if frame.normal is not None:  # a second line completes the quads
             axis = rows.shape.index(1)
             rows, next_rows = np.repeat(rows, 2, axis), np.repeat(next_rows, 2, axis)
             keys, depth = np.concatenate([keys, keys + 1], axis), np.concatenate([depth, depth + frame.normal], axis)
@@ -382,7 +382,7 @@ def _without(slices: tuple[slice, ...], direction: int) -> tuple[slice, ...]:
 
 
 def _units(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors, shape (n, 3), and 1 / length, shape (n,); zeros where there is no length."""
+    """Unit vectors, shape (n, 3), and 1 / length, shape (n,); zeros for zero length."""
     length = np.linalg.norm(normals, axis=1)
     inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
     return normals * inverse[:, None], inverse

@@ -1,7 +1,7 @@
 """Quality of cells of mixed kinds whose nodes several processes hold: each judges a part of the cells of all nodes.
 
-A cell has nodes of several processes, so that each gets the nodes of all and judges as many cells as the others. What
-is found of the parts is joined, and adjoints of nodes are added up, before each process takes its own rows.
+A cell has nodes of several processes, so each process gets all nodes and judges an equal share of the cells. The
+results are joined, and adjoints of nodes are summed, before each process takes its own rows.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -35,11 +35,11 @@ class GatheredQuality(OneLine):
     @classmethod
     def of(
         cls,
-        part: MixedQuality,  # of the cells of this process
+        part: MixedQuality,  # the cells of this process
         comm: Any,
         rows: np.ndarray,  # of int, nodes of the mesh that this process holds
     ) -> GatheredQuality:
-        """Ask all processes, which all call it, for their nodes; `InputError` if some are held by none."""
+        """Ask all processes, which all call it, for their nodes; `InputError` if a node is held by none."""
         every, n = from_all(comm, rows), len(part.baseline)
         numbers = np.concatenate(every)
         _, first = np.unique(numbers, return_index=True)
@@ -66,7 +66,7 @@ class GatheredQuality(OneLine):
 
     @property
     def lines(self) -> Sequence[np.ndarray]:
-        """Nodes around the faces of all cells, by their numbers here; -1 of those of other processes."""
+        """Nodes around the faces of all cells, by their numbers here; -1 for nodes of other processes."""
         places = np.full(len(self.part.baseline) + 1, -1)
         places[self._here] = np.arange(len(self._here))
         return tuple(places[line] for line in self.part.lines)
@@ -92,7 +92,7 @@ class GatheredQuality(OneLine):
         return GridValues(dict(zip(change, summed(self.comm, np.array([*change.values()])).tolist())))
 
     def vjp(self, nodes: np.ndarray, values: GridValues, bar: GridValues) -> np.ndarray:
-        """Adjoint of the nodes of this process, shape (n, 3): of one that several hold, that of the first."""
+        """Adjoint of the nodes of this process, shape (n, 3); for a node that several hold, it goes to the first."""
         nodes_bar = summed(self.comm, self.part.vjp(self._gathered(nodes), values, bar))
         return nodes_bar[self._here] * self.is_first[:, None]
 
@@ -101,7 +101,7 @@ class GatheredQuality(OneLine):
         return MixedReport.joined(from_all(self.comm, self.part.report(self._gathered(nodes), n_bins)))
 
     def summary(self, nodes: np.ndarray) -> dict[str, float]:
-        """Numbers to keep of many meshes, see `MixedReport.summary`."""
+        """Scalars to store for many meshes, see `MixedReport.summary`."""
         return self.report(nodes).summary
 
     def newly_inverted(self, nodes: np.ndarray) -> str:
@@ -116,5 +116,5 @@ class GatheredQuality(OneLine):
         """Nodes of the mesh, shape (n_points, 3), from those of each process."""
         whole = np.empty_like(self.part.baseline)
         for rows, found in reversed(list(zip(self.rows, from_all(self.comm, part)))):
-            whole[rows[::-1]] = found[::-1]  # the first that holds a node is the last to write it
+            whole[rows[::-1]] = found[::-1]  # the first holder of a node is the last to write it
         return whole

@@ -1,7 +1,7 @@
-"""The cells of a grid of blocks as a mesh: hexahedra, and what is left of those that are collapsed.
+"""The cells of a grid of blocks as a mesh: hexahedra, and what remains of collapsed ones.
 
-Nodes that blocks share, and those that are one because a face is collapsed, are one node of the mesh. A cell with
-corners that are one is a polyhedron of the faces that it still has: a wedge at a singular line, a pyramid at a pole.
+Nodes that blocks share, and nodes that coincide because a face is collapsed, are one node of the mesh. A cell with
+coincident corners is a polyhedron of its remaining faces: a wedge at a singular line, a pyramid at a pole.
 
 Theory: ``docs/theory/grid_files.rst``.
 """
@@ -26,7 +26,7 @@ def grid_mesh(
     grid: Grid,  # the grid
     topology: Topology,  # its topology
     names: Mapping[Window, str],  # names of the markers that windows of its boundary belong to
-    # direction of each block across the single layer of cells that a plane grid was lifted to; None of other grids
+    # direction of each block across the single layer of cells of a lifted planar grid; None for other grids
     lifted: tuple[int, ...] | None = None,
 ) -> MixedMesh:
     """Take the cells of the blocks of a grid, and windows of its boundary as markers."""
@@ -64,12 +64,12 @@ def grid_mesh(
 
 
 def _blocks(grid: Grid, values: np.ndarray) -> list[np.ndarray]:
-    """Cut what is known of all nodes into an array for each block."""
+    """Cut an array over all nodes into an array for each block."""
     return grid.layout.split(values)
 
 
 def _of_both_planes(grid: Grid, numbers: np.ndarray, lifted: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Number of each node of a grid that was lifted, and the rows of those in the second plane, by their numbers."""
+    """Number of each node of a lifted grid, and the rows of nodes in the second plane, by their numbers."""
     n, parts, at = int(numbers.max()) + 1, [], 0
     second = np.zeros(n, dtype=np.int64)
     for rows, direction in zip(_blocks(grid, np.arange(grid.n_nodes)), lifted):
@@ -89,13 +89,13 @@ def _hexahedra(ids: np.ndarray, across: int) -> np.ndarray:
 
 
 def _upright(cells: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Turn the cells of a block that is left-handed, so that volumes are positive in all blocks."""
+    """Turn the cells of a left-handed block, so that volumes are positive in all blocks."""
     x, y, z = (points[cells[:, corner]] - points[cells[:, 0]] for corner in (1, 3, 4))
     return cells if np.einsum("nd,nd->", np.cross(x, y), z) >= 0.0 else np.roll(cells, 4, axis=1)
 
 
 def _with_collapsed(cells: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
-    """Hexahedra, and those that have corners twice as faces and their cells; None where there are none."""
+    """Hexahedra, and those with repeated corners as faces and their cells; None if there are none."""
     ordered = np.sort(cells, axis=1)
     is_collapsed = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
     collapsed = cells[is_collapsed]
@@ -103,13 +103,13 @@ def _with_collapsed(cells: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np
         return cells, None
     faces, kept = _reduced(collapsed[:, np.array(FACES["hexahedron"])].reshape(-1, 4))
     of = np.repeat(np.arange(len(collapsed)), len(FACES["hexahedron"]))[kept]
-    has_volume = np.bincount(of, minlength=len(collapsed)) >= 4  # fewer faces close no cell
+    has_volume = np.bincount(of, minlength=len(collapsed)) >= 4  # fewer faces do not close a cell
     number = np.cumsum(has_volume) - 1
     return cells[~is_collapsed], (faces[has_volume[of]], number[of[has_volume[of]]])
 
 
 def _reduced(quads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Quads without those that are lines, triangles with their last corner twice; and which of the quads they are."""
+    """Quads without those that are lines, triangles with their last corner twice, and the numbers of the quads."""
     quads = quads.copy()
     same = quads == np.roll(quads, -1, axis=1)  # a corner and the next one
     at = np.flatnonzero(same.sum(axis=1) == 1)

@@ -1,12 +1,12 @@
 """Quality of all cells of a grid as a function of its nodes: Q of every cell, aggregates, derivatives.
 
-Aggregates of the heights of the first cells at walls are beside those of all cells; `.aggregates` has the table of
-them.
+Aggregates of the heights of the first cells at walls accompany the aggregates of all cells; `.aggregates` has the table
+of both.
 
-The grid is worked through in chunks, and what is found of a cell is not kept. Chunks depend on the shapes of the blocks
-alone and their results are joined in order, so that nothing depends on the number of threads.
+The grid is processed in chunks, and nothing is kept per cell. Chunks depend only on the shapes of the blocks, and their
+results are joined in order, so nothing depends on the number of threads.
 
-Processes may hold pieces of the grid. Nodes and cells are then those of a process, and aggregates those of the whole
+Processes may hold pieces of the grid. Nodes and cells are then local to a process, and aggregates are for the whole
 grid: all processes make the same calls.
 
 Theory: ``docs/theory/quality.rst``.
@@ -50,11 +50,11 @@ __all__ = ["GridQuality", "GridValues"]
 class GridValues(OneLine):
     """Quality of a grid, or its change or adjoint."""
 
-    # smooth bounds, by the names in `.aggregates.AGGREGATES`: lower ones, but for ``height_high_ks``
+    # smooth bounds, by the names in `.aggregates.AGGREGATES`: lower bounds, except for ``height_high_ks``
     aggregates: Mapping[str, float]
     # Q of every cell: blocks in order, each in C order of its cells. In an adjoint None stands for zeros
     q: np.ndarray | None = None  # (n_cells,), or None
-    # smallest corner triple product of a grid of solid blocks, where ``corner_ks`` was asked for: above zero all cells
+    # smallest corner triple product of a grid of solid blocks, if ``corner_ks`` was requested: above zero all cells
     # are valid
     min_corner: float | None = None
 
@@ -66,7 +66,7 @@ _Quality = TypeVar("_Quality", bound="GridQuality")
 class GridQuality(OneLine):
     """Quality of the cells of a grid whose baseline has decided about handedness and collapsed corners.
 
-    Made by `GridQuality.of_baseline`; what moves is judged by what the baseline has decided, so that measures stay
+    Made by `GridQuality.of_baseline`. Moved grids are judged by the decisions of the baseline, so that measures stay
     differentiable.
 
     Examples
@@ -78,7 +78,7 @@ class GridQuality(OneLine):
     0
     """
 
-    pieces: Pieces  # pieces of the grid that the processes hold: whole blocks in one process as a rule
+    pieces: Pieces  # pieces of the grid that the processes hold: usually whole blocks in one process
     blocks: tuple[BlockCells, ...]  # those of this process that have cells
     first_cells: FirstCells  # the first cells at walls
     rho: float = 100.0  # sharpness of the Kreisselmeier-Steinhauser aggregates of cells
@@ -86,7 +86,7 @@ class GridQuality(OneLine):
     rho_height: float = 1000.0  # sharpness of the aggregates of heights
     # number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it
     n_threads: int | None = None
-    # of every aggregate, with the sharpness that the settings give it
+    # rule of every aggregate, with the sharpness from the settings
     _rules: Mapping[str, KreisselmeierSteinhauser | PNorm] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -113,7 +113,7 @@ class GridQuality(OneLine):
         pieces: Pieces,  # the pieces, and the processes that hold them
         nodes: np.ndarray,  # (n_nodes, 3), nodes of the pieces of this process (m)
         **settings: Any,  # see `of_baseline`
-    ) -> _Quality:  # decisions are those of the whole blocks
+    ) -> _Quality:  # decisions are made for the whole blocks
         """Decide about the cells of a baseline grid in pieces; all processes call it."""
         # `InputError` see `of_baseline`
         frames = pieces.frames(nodes)
@@ -132,12 +132,12 @@ class GridQuality(OneLine):
 
     @property
     def bytes_per_node(self) -> float:
-        """Memory that the state takes, divided by the number of nodes (B); of this process."""
+        """Memory of the state, divided by the number of nodes (B), on this process."""
         return (sum(block.n_bytes for block in self.blocks) + self.first_cells.n_bytes) / max(1, self.n_nodes)
 
     @property
     def aggregates(self) -> tuple[str, ...]:
-        """Names of the aggregates that the grid has: those of heights only where it has walls."""
+        """Names of the available aggregates: aggregates of heights only if the grid has walls."""
         return tuple(name for name, of in AGGREGATES.items() if self.first_cells.n_of_all or not of.is_of_heights)
 
     def cells(
@@ -148,7 +148,7 @@ class GridQuality(OneLine):
         return list(self.cells_in_turn(nodes))
 
     def cells_in_turn(self, nodes: np.ndarray) -> Iterator[CellQuality]:
-        """Measure every cell as `cells` does, one block after another, without keeping them."""
+        """Measure every cell as `cells` does, one block after another, without keeping the results."""
         normals = self.normals(nodes)
         places = ((block, block.nodes_of(nodes), normals.get(block.window.block)) for block in self.blocks)
         return (cell_quality(x, block.degenerate_in_block, block.handedness, normal) for block, x, normal in places)
@@ -163,7 +163,7 @@ class GridQuality(OneLine):
         return self._over_chunks(lambda c: work(c, as_points(c.solid(nodes, normals.get(c.block.window.block)))))
 
     def normals(self, nodes: np.ndarray) -> dict[int, np.ndarray]:
-        """Mean normals of planar blocks that are split, by their numbers, now; all processes call it."""
+        """Current mean normals of planar blocks that are split, by their numbers; all processes call it."""
         if not self.pieces.has_split_planes:
             return {}
         planes = [(block, block.flat) for block in self.blocks if block.flat is not None]
@@ -175,7 +175,7 @@ class GridQuality(OneLine):
         return {block.window.block: unit_normal(areas[block.window.block]) for block, _ in planes}
 
     def require(self, names: Sequence[str], cells: bool = False) -> None:
-        """Refuse names of aggregates that do not exist, or not on this grid; Q of every cell there is."""
+        """Refuse names of aggregates that do not exist, or not for this grid; Q of every cell always exists."""
         missing = next((name for name in names if name not in self.aggregates), None)
         if missing in AGGREGATES:
             raise InputError(
@@ -187,8 +187,8 @@ class GridQuality(OneLine):
     def evaluate(
         self,
         nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
-        names: Sequence[str] | None = None,  # aggregates wanted; all that the grid has by default
-        cells: bool = False,  # whether Q of every cell is wanted
+        names: Sequence[str] | None = None,  # requested aggregates; all available ones by default
+        cells: bool = False,  # whether to return Q of every cell
     ) -> GridValues:
         """Aggregate the quality of a grid. `InputError` if there is no such aggregate."""
         names = self.aggregates if names is None else names
@@ -221,8 +221,8 @@ class GridQuality(OneLine):
         # nodes and their change (m)
         nodes: np.ndarray,  # (n_nodes, 3)
         d_nodes: np.ndarray,  # (n_nodes, 3)
-        values: GridValues,  # what `evaluate` gives for the nodes
-    ) -> GridValues:  # changes of what ``values`` holds
+        values: GridValues,  # result of `evaluate` for the nodes
+    ) -> GridValues:  # changes of the entries of ``values``
         """Change of the quality with the nodes."""
         d_q = np.empty(0 if values.q is None else self.n_cells)
         measured, certified = _of_cells(values.aggregates)
@@ -250,10 +250,10 @@ class GridQuality(OneLine):
     def vjp(
         self,
         nodes: np.ndarray,  # (n_nodes, 3), nodes of all blocks (m)
-        values: GridValues,  # what `evaluate` gives for the nodes
-        bar: GridValues,  # adjoints of some or all of that
+        values: GridValues,  # result of `evaluate` for the nodes
+        bar: GridValues,  # adjoints of some or all of its entries
     ) -> np.ndarray:  # (n_nodes, 3)
-        """Adjoint of the nodes from that of the quality."""
+        """Adjoint of the nodes from the adjoint of the quality."""
         nodes_bar, q_bar = np.zeros((self.n_nodes, 3)), np.empty(0) if bar.q is None else np.ascontiguousarray(bar.q)
         seeds = {name: seed for name, seed in bar.aggregates.items() if seed != 0.0}
         measured, certified = _of_cells(seeds)
@@ -281,13 +281,13 @@ class GridQuality(OneLine):
         return {name: self._rules[name].part(sign * ratios) for name, sign in signs.items()}
 
     def _joined(self, names: Collection[str], parts: Mapping[str, Part]) -> dict[str, Part]:
-        """Parts of the whole grid from those of this process, and of the others."""
+        """Parts of the whole grid from the parts of this process and the others."""
         none = {name: self._rules[name].part(np.zeros(0)) for name in names}
         tables = gathered(self.pieces.comm, np.array([[parts.get(name, none[name]) for name in names]]))
         return {name: self._rules[name].join([Part(*row[n]) for row in tables]) for n, name in enumerate(names)}
 
     def _height_changes(self, nodes: np.ndarray, d_nodes: np.ndarray, values: Mapping[str, float]) -> dict[str, float]:
-        """Changes of the aggregates of heights that there are values of."""
+        """Changes of the aggregates of heights that have values."""
         weights = self._height_weights(nodes, values)
         d_ratios = self.first_cells.ratios_jvp(nodes, d_nodes) if weights else np.empty(0)
         return {name: float(_sum(weight, d_ratios)) for name, weight in weights.items()}
@@ -295,7 +295,7 @@ class GridQuality(OneLine):
     def _add_height_bars(
         self, nodes: np.ndarray, values: Mapping[str, float], seeds: Mapping[str, float], nodes_bar: np.ndarray
     ) -> None:
-        """Add the adjoint of the nodes from those of the aggregates of heights."""
+        """Add the adjoint of the nodes from the adjoints of the aggregates of heights."""
         asked = {name: value for name, value in values.items() if seeds.get(name)}
         weights = self._height_weights(nodes, asked)
         if weights:
@@ -303,7 +303,7 @@ class GridQuality(OneLine):
             self.first_cells.ratios_vjp(nodes, bar, nodes_bar)
 
     def _height_weights(self, nodes: np.ndarray, values: Mapping[str, float]) -> dict[str, np.ndarray]:
-        """Derivatives, with respect to every ratio, of the aggregates of heights that there are values of."""
+        """Derivatives, with respect to every ratio, of the aggregates of heights that have values."""
         signs = _height_signs(values)
         ratios = self.first_cells.ratios(nodes) if signs else np.empty(0)
         return {name: self._rules[name].weights(sign * ratios, sign * values[name]) for name, sign in signs.items()}
@@ -314,7 +314,7 @@ class GridQuality(OneLine):
         return bounds_of(rules, self.pieces.n_cells_of_all)
 
     def _weights(self, values: GridValues, seeds: Mapping[str, float]) -> np.ndarray:
-        """Records of the weights of the bounds that there are seeds of."""
+        """Records of the weights of the bounds that have seeds."""
         return weights_of(self._bounds(seeds), [values.aggregates[name] for name in seeds], [*seeds.values()])
 
     def _over_chunks(self, work: Callable, parity: int | None = None) -> list:
@@ -331,7 +331,7 @@ def _sum(weights: np.ndarray, changes: np.ndarray) -> float:
 
 
 def _of_cells(names: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Aggregates among the names that are of measures of cells, in their order, and those of coefficients."""
+    """Aggregates of measures of cells among the names, in their order, and those of coefficients."""
     of_cells = [name for name in names if not AGGREGATES[name].is_of_heights]
     return [n for n in of_cells if AGGREGATES[n].measure in ROWS], [
         n for n in of_cells if AGGREGATES[n].measure not in ROWS

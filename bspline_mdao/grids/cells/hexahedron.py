@@ -1,13 +1,13 @@
 """Measures of hexahedral cells, of blocks and of lists: Q of Eq. (9), corner triple products, Jacobians, volumes.
 
-Numbering of corners and formulas are those of `.orthogonality`. The triple product of the unit edges at a corner has
-one sign at all corners of a good cell: the handedness of the block. Real blocks are left-handed as often as
-right-handed; everything here is measured relative to the sign that most cells of the block have.
+Corner numbers and formulas are as in `.orthogonality`. The triple product of the unit edges at a corner has one sign at
+all corners of a good cell: the handedness of the block. Real blocks are left-handed as often as right-handed, so
+everything here is measured relative to the sign of most cells of the block.
 
 A corner at which an edge has collapsed is *degenerate*: it has no triple product, and does not count.
 
 - `cell_quality` measures all cells of a block.
-- `element_measures` and its transpose measure a list of elements, corner by corner, for whoever differentiates.
+- `element_measures` and its transpose measure a list of elements, corner by corner, for differentiation.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -43,11 +43,11 @@ __all__ = [
 ]
 
 COLLAPSE_TOLERANCE = 1e-12
-"""A corner is degenerate where an edge is shorter than this fraction of the block's size: round-off of coordinates may
-give an edge that has collapsed some length."""
+"""A corner is degenerate if an edge is shorter than this fraction of the block's size: round-off of coordinates may
+give a collapsed edge some length."""
 
 UPPER_CORNERS = np.uint8(0b11110000)
-"""Corners 4 to 7: the ones that a planar block does not have."""
+"""Corners 4 to 7, which a planar block does not have."""
 
 
 @dataclass(frozen=True)
@@ -57,17 +57,17 @@ class CellQuality(OneLine):
     # A fully mirrored cell also has q = 1: validity is `is_valid`, never q alone. In a planar block (one node deep) the
     # flat direction has one cell, the product has four corners, and Jacobian and volume are areas (m^2).
 
-    # orthogonality, Eq. (9): product of the corner triple products of unit edges; 1 where edges are orthogonal
+    # orthogonality, Eq. (9): product of the corner triple products of unit edges; 1 if edges are orthogonal
     q: np.ndarray  # (ni-1, nj-1, nk-1)
     min_corner: np.ndarray  # smallest corner triple product of unit edges, relative to the handedness of the block
     # smallest corner Jacobian, the triple product of the edges themselves, relative to the handedness (m^3)
     min_jacobian: np.ndarray
     volume: np.ndarray  # volume of the trilinear cell, relative to the handedness (m^3)
-    handedness: int  # +1 or -1, the sign that most cells of the block have
+    handedness: int  # +1 or -1, the sign of most cells of the block
 
     @property
     def is_valid(self) -> np.ndarray:
-        """Cells of which every corner has a positive triple product."""
+        """Cells whose corners all have a positive triple product."""
         return self.min_corner > 0.0
 
 
@@ -84,18 +84,18 @@ def cell_quality(
     nodes : ndarray, shape (ni, nj, nk, 3)
         Node coordinates (m). One direction may have a single node; the block is then measured in its plane.
     degenerate_corners : ndarray of uint8, shape (ni-1, nj-1, nk-1), optional
-        Bit c is set where corner c is degenerate, as it is in ``nodes`` by default. Give that of the baseline while a
-        grid moves, so that the measure stays differentiable.
+        Bit c is set if corner c is degenerate; by default determined from ``nodes``. While a grid moves, pass those of
+        the baseline, so that the measure stays differentiable.
     handedness : int, optional
-        +1 or -1; by default the sign that most cells have. Give that of the baseline while a grid moves.
+        +1 or -1; by default the sign of most cells. While a grid moves, pass that of the baseline.
     normal : ndarray, shape (3,), optional
-        Third edges of a planar block; the unit mean normal of its cells by default.
+        Third edges of a planar block; by default the unit mean normal of its cells.
 
     Returns
     -------
     CellQuality
-        ``q``, ``min_corner``, ``min_jacobian`` and ``volume`` of every cell. One none of whose corners is left is given
-        zeros, and so counts as invalid.
+        ``q``, ``min_corner``, ``min_jacobian`` and ``volume`` of every cell. A cell whose corners are all degenerate
+        gets zeros, and so counts as invalid.
 
     Examples
     --------
@@ -119,17 +119,17 @@ def cell_quality(
 
 def collapsed_corners(
     nodes: np.ndarray,  # (ni, nj, nk, 3), node coordinates (m)
-    size: float | None = None,  # diagonal of the block's box (m), where the nodes are a piece of it
+    size: float | None = None,  # diagonal of the block's box (m), if the nodes are a piece of it
 ) -> np.ndarray:
     """Find the corners of cells at which an edge has collapsed."""
-    # returns uint8 (ni-1, nj-1, nk-1), bit c is set where an edge at corner c is shorter than `COLLAPSE_TOLERANCE`
-    # times the diagonal of the block's box. In a planar block the bits are those of the block with its flat direction
-    # moved last
+    # returns uint8 (ni-1, nj-1, nk-1), bit c is set if an edge at corner c is shorter than `COLLAPSE_TOLERANCE` times
+    # the diagonal of the block's box. In a planar block the bits refer to the block with its flat direction moved
+    # last
     flat = flat_direction(nodes.shape)
     points = as_points(nodes if flat is None else _extrude(nodes, flat))
     if size is None:
         size = float(np.linalg.norm([nodes[..., c].max() - nodes[..., c].min() for c in range(3)]))
-    shortest = max(COLLAPSE_TOLERANCE * size, 2.0 * np.sqrt(TINY))  # shorter ones would have no unit vector
+    shortest = max(COLLAPSE_TOLERANCE * size, 2.0 * np.sqrt(TINY))  # shorter edges would have no unit vector
     if not _has_short_edge(points, shortest):
         bits = np.zeros([n - 1 for n in points.shape], dtype=np.uint8)
     else:
@@ -137,7 +137,7 @@ def collapsed_corners(
     return bits if flat is None else np.moveaxis(bits, 2, flat)
 
 
-def flat_direction(shape: tuple[int, ...]) -> int | None:  # none where there is none
+def flat_direction(shape: tuple[int, ...]) -> int | None:  # none if there is none
     """Find the direction of nodes of shape (ni, nj, nk, 3) with a single node."""
     if len(shape) != 4 or shape[3] != 3 or sum(n > 1 for n in shape[:3]) < 2:
         raise InputError(f"cell quality: nodes of shape {shape}; give (ni, nj, nk, 3) with cells in two directions")
@@ -145,7 +145,7 @@ def flat_direction(shape: tuple[int, ...]) -> int | None:  # none where there is
 
 
 def mean_normal(plane: np.ndarray) -> np.ndarray:
-    """Unit mean normal, shape (3,), of the cells of nodes (n, m, 3); the z direction where they have no area."""
+    """Unit mean normal, shape (3,), of the cells of nodes (n, m, 3); the z direction if they have no area."""
     return unit_normal(summed_areas(plane))
 
 
@@ -155,7 +155,7 @@ def summed_areas(plane: np.ndarray) -> np.ndarray:
 
 
 def unit_normal(area: np.ndarray) -> np.ndarray:
-    """Unit vector along a sum of area vectors; the z direction where they cancel."""
+    """Unit vector along a sum of area vectors; the z direction if they cancel."""
     length = np.linalg.norm(area)
     return area / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
 
@@ -180,7 +180,7 @@ def element_measures(
     handedness: np.ndarray,  # (n_e,), +1 or -1 for each element, or one number for all
     degenerate_corners: np.ndarray,  # uint8 (n_e,), bit c is set where corner c is degenerate
 ) -> ElementMeasures:
-    """Measure elements. `InputError` if the arrays do not fit each other."""
+    """Measure elements. `InputError` if the shapes of the arrays do not match."""
     sign = _signs(corners, handedness, degenerate_corners)
     n = len(corners)
     measures = np.empty((8, n)), np.empty((8, n)), np.empty(n)
@@ -197,12 +197,12 @@ def element_measures_vjp(
     corners: np.ndarray,
     handedness: np.ndarray,
     degenerate_corners: np.ndarray,
-    # adjoints of the corner measures; those of degenerate corners are not looked at
+    # adjoints of the corner measures; unused at degenerate corners
     triples_bar: np.ndarray,  # (n_e, 8)
     volume_bar: np.ndarray,  # (n_e,), adjoints of the volumes
     jacobians_bar: np.ndarray | None = None,  # (n_e, 8)
 ) -> np.ndarray:  # (n_e, 8, 3)
-    """Adjoint of the corners from those of the measures."""
+    """Adjoint of the corners from the adjoints of the measures."""
     sign = _signs(corners, handedness, degenerate_corners)
     if jacobians_bar is None:
         jacobians_bar = np.zeros((len(corners), 8))
@@ -233,7 +233,7 @@ def measured(
     degenerate_corners: np.ndarray,  # uint8 (ni-1, nj-1, nk-1), bit c is set where corner c is degenerate
     handedness: int,  # +1 or -1
 ) -> np.ndarray:  # (4, ni-1, nj-1, nk-1)
-    """Measure all cells: what `CellQuality` holds, in its order; zeros where all corners are degenerate."""
+    """Measure all cells: the fields of `CellQuality` in order; zeros if all corners are degenerate."""
     degenerate_corners = np.ascontiguousarray(degenerate_corners)
     measures = np.empty((4, *degenerate_corners.shape))
     block_summary(points, degenerate_corners, float(handedness), *measures.reshape(4, -1))
@@ -244,12 +244,12 @@ def measured(
 
 
 def _majority(volume: np.ndarray) -> int:
-    """Sign that most of the volumes have."""
+    """Sign of most of the volumes."""
     return -1 if np.count_nonzero(volume < 0.0) > np.count_nonzero(volume > 0.0) else 1
 
 
 def _extrude(nodes: np.ndarray, flat: int, normal: np.ndarray | None = None) -> np.ndarray:
-    """Return a planar block with depth along a normal, its unit mean one by default, its flat direction moved last."""
+    """Return a planar block with depth along a normal, by default its mean normal, its flat direction moved last."""
     plane = np.moveaxis(nodes, flat, 2)[:, :, 0]
     return stack_plane(plane, mean_normal(plane) if normal is None else normal)
 
@@ -272,7 +272,7 @@ def _count_short(start, end, shortest_square):
 
 @njit(cache=True)
 def _has_short_edge(x, shortest):
-    """Whether any edge of a block is that short: most blocks have none, and this is quick."""
+    """Whether any edge of a block is that short: most blocks have none, and this is fast."""
     n_short, square = 0, shortest * shortest
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):

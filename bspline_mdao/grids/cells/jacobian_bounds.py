@@ -1,11 +1,11 @@
 """Lower bounds of the Jacobian of trilinear cells: its 27 Bernstein coefficients, with derivatives.
 
 The Jacobian of a trilinear cell is a polynomial of degree (2, 2, 2). Its Bernstein coefficients are means of triple
-products of one edge of each direction: of one at the eight corners, where they are the corner Jacobians, of two on the
-twelve edges, of four on the six faces and of eight inside. Edges are numbered as in `.orthogonality`.
+products of one edge of each direction: of one product at the eight corners, where they are the corner Jacobians, of two
+on the twelve edges, of four on the six faces and of eight inside. Edges are numbered as in `.orthogonality`.
 
-`block_bounds` takes the smallest coefficient and the smallest corner of all cells of a block, many at a time; it
-decides nearly all cells. `decide_cells` asks `.bernstein` about the others.
+`block_bounds` takes the smallest coefficient and the smallest corner of all cells of a block, many at a time, and
+decides nearly all cells. `decide_cells` passes the others to `.bernstein`.
 
 Theory: ``docs/theory/validity.rst``.
 
@@ -39,11 +39,12 @@ __all__ = [
 N_COEFFICIENTS = 27
 
 ROUNDING = 16.0 * UNIT
-"""Error of a coefficient by the product of the longest edges of three directions, in the sum norm: one rounding of each
-edge, two of a cross product, one of a sum of two, three of a scalar product, two of a sum of four, more to spare."""
+"""Error of a coefficient relative to the product of the longest edges of three directions, in the sum norm: one
+rounding of each edge, two of a cross product, one of a sum of two, three of a scalar product, two of a sum of four, and
+a margin."""
 
 SMALLEST = 1e-290
-"""Added to that: products below it may have lost digits."""
+"""Added to that, since products below it may have lost digits."""
 
 
 def _terms() -> tuple[np.ndarray, np.ndarray]:
@@ -59,7 +60,7 @@ def _terms() -> tuple[np.ndarray, np.ndarray]:
 TERMS, WEIGHTS = _terms()
 
 ENDS = np.array([[[0, 1], [2, 3], [4, 5], [6, 7]], [[0, 2], [1, 3], [4, 6], [5, 7]], [[0, 4], [1, 5], [2, 6], [3, 7]]])
-"""Corners that the four edges of each direction join."""
+"""Corners joined by the four edges of each direction."""
 
 
 @njit(**FAST)
@@ -104,7 +105,7 @@ def _longest(e):
 
 @njit(**FAST)
 def _layer(sign, weight, so_far, y, c):
-    """Smallest of the nine coefficients of one k, and of the four corners, with what was smallest so far."""
+    """Smallest of the nine coefficients of one k, and of the four corners, including the smallest so far."""
     # ``y[a + 2 b]`` is the cross product of the edges along xi at b and along eta at a, ``c[a + 2 b]`` the edge along
     # zeta.
     c_00, c_20 = sign * _dot(y[0], c[0]), sign * _dot(y[1], c[1])
@@ -123,14 +124,14 @@ def _layer(sign, weight, so_far, y, c):
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def block_bounds(
     x,  # (ni, nj, nk), nodes
-    degenerate,  # uint8 (ni-1, nj-1, nk-1), only its shape is looked at: corners that are degenerate count here
+    degenerate,  # uint8 (ni-1, nj-1, nk-1), only its shape is used: degenerate corners count here
     sign,  # handedness
     # results, cells in C order (m^3)
     bound,  # (n_cells,)
     corner,  # (n_cells,)
     margin,  # (n_cells,)
 ):
-    """Smallest Bernstein coefficient and corner Jacobian of the cells of a block, and how wrong they may be."""
+    """Smallest Bernstein coefficient and corner Jacobian of the cells of a block, and bounds of their errors."""
     n = degenerate.shape[2]
     for i in range(degenerate.shape[0]):
         for j in range(degenerate.shape[1]):
@@ -196,8 +197,8 @@ def coefficients_of(edges, sign, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _counting(corners, bits, shortest, counts):
-    """Mark with 1 the coefficients that are not zero by construction: those with a term without collapsed edge."""
-    # Where the baseline has collapsed corners, ``bits``, edges of it that are shorter than ``shortest`` have collapsed.
+    """Mark with 1 the coefficients that are not zero by construction, which have a term without a collapsed edge."""
+    # If the baseline has collapsed corners, ``bits``, their edges that are shorter than ``shortest`` have collapsed.
     counts[:] = 1.0
     if bits == 0:
         return False
@@ -220,19 +221,19 @@ def _counting(corners, bits, shortest, counts):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def decide_cells(
-    # see `block_bounds`; bit c of ``degenerate`` is set where corner c is degenerate
+    # see `block_bounds`; bit c of ``degenerate`` is set if corner c is degenerate
     x,
     degenerate,
     sign,
     shortest,  # length (m) below which an edge at degenerate corners has collapsed
-    # from `block_bounds`; ``bound`` receives the lower bound that was found, for open cells as well
+    # from `block_bounds`; ``bound`` receives the lower bound that was found, also for undecided cells
     bound,  # (n_cells,)
     corner,  # (n_cells,)
     margin,  # (n_cells,)
     max_halvings,  # int, see `bspline_mdao.grids.cells.bernstein.decide`
-    status,  # uint8 (n_cells,), receives what is known of each cell
-):  # int, cells that the first bound left open
-    """Decide about all cells of a block from what `block_bounds` gives, halving where that leaves it open."""
+    status,  # uint8 (n_cells,), receives the status of each cell
+):  # int, cells that the first bound left undecided
+    """Decide about all cells of a block from the results of `block_bounds`, halving if they do not suffice."""
     corners, edges, counts, n_open = np.empty((8, 3)), np.empty((3, 4, 3)), np.empty(27), 0
     coefficients = np.empty(27)
     _, n_j, n_k = degenerate.shape
@@ -263,7 +264,7 @@ def decide_cells(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def block_coefficients(x, degenerate, sign, shortest, out):
-    """Write the Bernstein coefficients of a block's cells, shape (27, n_cells); infinity where one does not count."""
+    """Write the Bernstein coefficients of a block's cells, shape (27, n_cells); infinity if one does not count."""
     # Parameters as for `decide_cells`; coefficient (i, j, k) is in row ``i + 3 j + 9 k``.
     corners, edges, counts, found = np.empty((8, 3)), np.empty((3, 4, 3)), np.empty(27), np.empty(27)
     for cell, (i, j, k) in enumerate(np.ndindex(degenerate.shape)):
@@ -302,7 +303,7 @@ def _add_cross(factor, u, v, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def coefficients_vjp(x, degenerate, sign, bar, x_bar):
-    """Add the adjoint of the nodes, from that of the coefficients, to ``x_bar``; zeros of ``bar`` are passed over."""
+    """Add the adjoint of the nodes, from that of the coefficients, to ``x_bar``; zeros of ``bar`` are skipped."""
     corners, edges, edges_bar = np.empty((8, 3)), np.empty((3, 4, 3)), np.empty((3, 4, 3))
     for cell, (i, j, k) in enumerate(np.ndindex(degenerate.shape)):
         if np.any(bar[:, cell] != 0.0):

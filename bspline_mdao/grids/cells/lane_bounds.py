@@ -1,9 +1,9 @@
 """Smooth bounds of the measures of cells while these are in registers: the rules of `.aggregates` on whole registers.
 
-A loop over cells keeps the measures of as many of them as a register has lanes in a table of rows (`ROWS`): corner
-triple products, corner Jacobians, volumes, Q. A bound is a record (`BOUND`) of the rows that it is of, its rule, and
-what terms are relative to. A number beyond its ``limit`` has a term so small that those of all numbers of a grid
-together are below the rounding of the sum, and counts nothing: whole registers of such are not looked at.
+A loop over cells keeps the measures of as many cells as a register has lanes in a table of rows (`ROWS`): corner triple
+products, corner Jacobians, volumes, Q. A bound is a record (`BOUND`) of its rows, its rule, and the reference of its
+terms. A number beyond the ``limit`` of a bound has a term so small that such terms of a whole grid together are below
+the rounding of the sum, so it does not count: registers that hold only such numbers are skipped.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -55,14 +55,14 @@ JACOBIANS, VOLUME, Q, N_ROWS = 8, 16, 17, 18
 """First rows of each measure but the triple products, and the number of rows."""
 
 ROWS = {"triples": (0, JACOBIANS), "jacobians": (JACOBIANS, VOLUME), "volume": (VOLUME, Q), "q": (Q, N_ROWS)}
-"""First row of each measure, and that behind its last."""
+"""First row of each measure, and the row after its last."""
 
 BOUND = np.dtype([
     ("first", np.int64), ("stop", np.int64),  # rows
     ("sharpness", np.float64),  # of Kreisselmeier and Steinhauser
     ("power", np.int64),  # of a p-norm; 0 of the others
     ("reference", np.float64),  # number whose term is 1
-    ("limit", np.float64),  # number from which on terms do not count
+    ("limit", np.float64),  # number beyond which terms do not count
     ("smallest", np.float64),  # term below which none counts
     ("seed", np.float64),  # adjoint
     ("total", np.float64),  # sum of the terms, or change
@@ -90,7 +90,7 @@ def weights_of(
     values: Sequence[float],  # of each
     seeds: Sequence[float],  # adjoint of each
 ) -> np.ndarray:  # of `BOUND`
-    """Bounds whose terms are the weights of the numbers: of a p-norm those of one power less."""
+    """Bounds whose terms are the weights of the numbers: for a p-norm, the terms of one power less."""
     bounds = bounds.copy()
     bounds["power"] -= bounds["power"] > 0
     bounds["reference"], bounds["seed"] = values, seeds
@@ -111,7 +111,7 @@ def _power(x, n):
 
 @njit(**FAST)
 def _set_reference(bound, reference):
-    """Take terms relative to a number from now on."""
+    """Use terms relative to a number from now on."""
     bound.reference = reference
     if bound.power == 0:
         bound.limit = reference - np.log(bound.smallest) / bound.sharpness
@@ -121,7 +121,7 @@ def _set_reference(bound, reference):
 
 @njit(inline="always")
 def take_references(bounds):
-    """Take the terms of each relative to its reference."""
+    """Use the terms of each bound relative to its reference."""
     for b in range(bounds.size):
         _set_reference(bounds[b], bounds[b].reference)
 
@@ -135,7 +135,7 @@ def set_totals(bounds, totals):
 
 @njit(**FAST)
 def _terms(bound, x):
-    """Terms of numbers, relative to that of the reference."""
+    """Terms of numbers, relative to the term of the reference."""
     if bound.power == 0:
         return below(bound.limit, x, exponential((x - bound.reference) * -bound.sharpness))
     return below(bound.limit, x, _power((1.0 - x) * (1.0 / (1.0 - bound.reference)), bound.power))
@@ -149,7 +149,7 @@ def new_rows():
 
 @njit(**FAST)
 def rows_of(bounds, rows):
-    """Rows of triple products, Jacobians and volumes; none of what has no bound."""
+    """Rows of triple products, Jacobians and volumes; none for measures without a bound."""
     n_jacobians, n_volumes = 0, 0
     for b in range(bounds.size):
         n_jacobians = VOLUME - JACOBIANS if bounds[b].first == JACOBIANS else n_jacobians
@@ -160,7 +160,7 @@ def rows_of(bounds, rows):
 
 @njit(**FAST)
 def finish(rows, jacobians, volume, inverse_volume, n):
-    """Set Q, divide Jacobians and volumes by those of the baseline, and set all lanes beyond ``n`` to infinity."""
+    """Set Q, divide Jacobians and volumes by the baseline's, and set all lanes beyond ``n`` to infinity."""
     q = load(rows, 0, LANES)
     for row in range(1, JACOBIANS):
         q = q * load(rows, row * LANES, LANES)
@@ -176,7 +176,7 @@ def finish(rows, jacobians, volume, inverse_volume, n):
 
 @njit(**FAST)
 def finish_jvp(rows, d_rows, d_jacobians, d_volume, inverse_volume):
-    """Change of what `finish` sets."""
+    """Change of the results of `finish`."""
     q, d_q = spread(1.0), spread(0.0)
     for at in range(0, JACOBIANS * LANES, LANES):
         triple = load(rows, at, LANES)
@@ -192,7 +192,7 @@ def finish_jvp(rows, d_rows, d_jacobians, d_volume, inverse_volume):
 def finish_vjp(rows, bars, jacobians_bar, volume_bar, inverse_volume):
     """Transpose of `finish_jvp`."""
     before = load(bars, Q * LANES, LANES)
-    for at in range(0, JACOBIANS * LANES, LANES):  # the product of the corners before goes to all behind
+    for at in range(0, JACOBIANS * LANES, LANES):  # the product of the corners before multiplies all behind
         behind = before
         for other in range(at + LANES, JACOBIANS * LANES, LANES):
             behind = behind * load(rows, other, LANES)
@@ -206,7 +206,7 @@ def finish_vjp(rows, bars, jacobians_bar, volume_bar, inverse_volume):
 
 @njit(**FAST)
 def add_terms(bounds, rows, totals):
-    """Add the terms of some cells to the totals, and let these be relative to the smallest number so far."""
+    """Add the terms of some cells to the totals, relative to the smallest number so far."""
     for b in range(bounds.size):
         bound, least = bounds[b], spread(np.inf)
         for row in range(bound.first, bound.stop):
@@ -225,7 +225,7 @@ def add_terms(bounds, rows, totals):
 
 @njit(**FAST)
 def add_weights(bounds, rows, bars):
-    """Add the adjoints of the numbers of some cells to ``bars``; whether there are any of each row's measure."""
+    """Add the adjoints of the numbers of some cells to ``bars``; return whether there are any for each measure."""
     has_corners, has_volume = False, False
     for b in range(bounds.size):
         bound = bounds[b]
@@ -240,7 +240,7 @@ def add_weights(bounds, rows, bars):
 
 @njit(**FAST)
 def add_changes(bounds, rows, d_rows, totals):
-    """Add the changes of the bounds with those of the numbers of some cells to the totals."""
+    """Add the changes of the bounds with the numbers of some cells to the totals."""
     for b in range(bounds.size):
         bound = bounds[b]
         total = load(totals, b * LANES, LANES)

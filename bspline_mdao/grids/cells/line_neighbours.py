@@ -1,4 +1,4 @@
-"""Neighbours of every cell along its grid lines, and how their index spaces are turned against its own.
+"""Neighbours of every cell along its grid lines, and the orientation of their index spaces relative to its own.
 
 Slot ``2 d + s`` of a cell is its low (s = 0) or high (s = 1) side in direction d. Lines run through interfaces of any
 orientation and end at boundaries.
@@ -24,10 +24,10 @@ __all__ = ["LineNeighbours"]
 class LineNeighbours:
     """Neighbours of the cells of a multi-block grid, numbered block after block, each in C order."""
 
-    cells: np.ndarray  # int (n_cells, 6), cell beyond each slot; -1 where there is none
+    cells: np.ndarray  # int (n_cells, 6), cell beyond each slot; -1 if there is none
     entries: np.ndarray  # int (n_cells, 6), slot of that cell that leads back
-    directions: np.ndarray  # int (n_cells, 6, 3), direction of that cell that each direction of this one runs along
-    signs: np.ndarray  # (n_cells, 6, 3), 1, or -1 where it runs backwards
+    directions: np.ndarray  # int (n_cells, 6, 3), direction of that cell along each direction of this one
+    signs: np.ndarray  # (n_cells, 6, 3), 1, or -1 if it runs backwards
 
     @classmethod
     def of(cls, topology: Topology) -> LineNeighbours:
@@ -55,8 +55,8 @@ class LineNeighbours:
         return len(self.cells)
 
     def beyond(self, slot: int) -> csr_array:
-        """Matrix of the values beyond a slot, shape (n_cells, n_cells), from those of all cells."""
-        # Where the line ends they are extrapolated, by a parabola, a line or a constant as far as it is long.
+        """Matrix of the values beyond a slot, shape (n_cells, n_cells), from the values of all cells."""
+        # At the end of a line they are extrapolated, by a parabola, a line or a constant as far as its length allows.
         here, first, second = self._inwards(slot)
         is_end = self.cells[:, slot] == NONE
         has_first, has_second = first != NONE, second != NONE
@@ -73,7 +73,7 @@ class LineNeighbours:
 
     def slopes_beyond(self, slot: int, d: int) -> csr_array:
         """Matrix of the slopes along own direction d beyond a slot, from all slopes: shape (n_cells, 3 n_cells)."""
-        # The slopes of all cells along their direction 0 come first. Where the line ends they are extrapolated
+        # The slopes of all cells along their direction 0 come first. At the end of a line they are extrapolated
         # linearly.
         here, first, _ = self._inwards(slot)
         is_end, has_first = self.cells[:, slot] == NONE, first != NONE
@@ -94,7 +94,7 @@ class LineNeighbours:
         return here, first, second
 
     def _turned(self, cells: np.ndarray, slot: int, d: int) -> tuple[np.ndarray, np.ndarray]:
-        """Columns and signs, in all slopes, of those along own direction d of the neighbours of some cells."""
+        """Columns and signs, in all slopes, for own direction d of the neighbours of some cells."""
         return self.directions[cells, slot, d] * self.n_cells + self.cells[cells, slot], self.signs[cells, slot, d]
 
 

@@ -1,4 +1,4 @@
-"""Faces whose corners are marked: those on walls, and those beside them, of meshes with millions of faces.
+"""Faces with marked corners: faces on walls, and faces adjacent to them, of meshes with millions of faces.
 
 Theory: ``docs/theory/ride.rst``.
 """

@@ -1,4 +1,4 @@
-"""Heights of the first nodes above walls of meshes without structure.
+"""Heights of the first nodes above walls of unstructured meshes.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -16,11 +16,11 @@ from .wall_spacing import WallSpacing
 __all__ = ["LEVELS", "height_quantiles", "mesh_wall_spacings"]
 
 LEVELS = {"min": 0.0, "p01": 0.01, "median": 0.5, "p99": 0.99, "max": 1.0}
-"""Quantiles by their names."""
+"""Quantiles by name."""
 
 
 def mesh_wall_spacings(mesh: MixedMesh, walls: Sequence[str]) -> tuple[WallSpacing, ...]:
-    """Measure the spacings at the markers of a mesh that are walls; none has the growth, which asks for layers."""
+    """Measure the spacings at the wall markers of a mesh; the growth is missing, as it needs layers."""
     found = []
     for name in walls:
         faces = (mesh.markers or {})[name]
@@ -47,12 +47,12 @@ def mesh_wall_spacings(mesh: MixedMesh, walls: Sequence[str]) -> tuple[WallSpaci
 
 
 def height_quantiles(heights: np.ndarray) -> dict[str, float]:
-    """Quantiles of heights, see `LEVELS`; none of none."""
+    """Quantiles of heights, see `LEVELS`; empty if there are none."""
     return {name: float(np.quantile(heights, level)) for name, level in LEVELS.items()} if len(heights) else {}
 
 
 def _longest_edges(mesh: MixedMesh, faces: np.ndarray) -> np.ndarray:
-    """Longest edge of faces at every node of a mesh (m), shape (n,), but for those across a layer of cells."""
+    """Longest edge of faces at every node of a mesh (m), shape (n,), except for edges across a layer of cells."""
     starts, ends = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     lengths = np.linalg.norm(mesh.points[ends] - mesh.points[starts], axis=1)
     if mesh.n_copies == 2:

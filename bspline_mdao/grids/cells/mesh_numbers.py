@@ -1,7 +1,7 @@
-"""Numbers in meshes of mixed cells: each is of a node that there is, and each cell has faces.
+"""Checks of the numbers in meshes of mixed cells: each is an existing node, and each cell has faces.
 
-Kernels index by them without looking, so that nothing else stands between a wrong number and memory that is not the
-mesh's.
+Kernels index by them unchecked, so these checks alone prevent a wrong number from reaching memory outside the
+mesh.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ __all__ = ["require_cells", "require_corners"]
 
 def require_corners(
     corners: np.ndarray,  # corners of elements
-    width: int,  # how many each has
+    width: int,  # number of corners of each
     n_points: int,  # number of nodes
-    what: str,  # what the elements are, for messages
-    # how often each node of the file is among the nodes, see `MixedMesh`: messages count those of the file
+    what: str,  # description of the elements for messages
+    # copies of each node of the file among the nodes, see `MixedMesh`: messages count nodes of the file
     n_copies: int = 1,
 ) -> None:
     """Refuse corners that are not whole numbers of nodes."""
@@ -35,18 +35,18 @@ def require_corners(
 
 def require_cells(
     faces: np.ndarray,  # (n, 4), corners of the faces
-    cells: np.ndarray,  # (n,), the cells that they are of, from 0
+    cells: np.ndarray,  # (n,), their cells, from 0
     n_points: int,  # number of nodes
-    what: str,  # where they come from, for messages
+    what: str,  # their origin, for messages
 ) -> None:
-    """Refuse faces of cells that are of no cell, have no node, or leave a cell without faces."""
+    """Refuse faces that belong to no cell or have no node, and cells without faces."""
     require_corners(faces, 4, n_points, f"{what}: faces of cells")
     if not isinstance(cells, np.ndarray) or cells.dtype.kind not in "iu" or cells.shape != (len(faces),):
         raise InputError(f"{what}: the cells of faces are not one whole number each; write it again")
     last = int(cells.max(initial=-1))
     if len(cells) and cells.min() < 0:
         raise InputError(f"{what}: a face is of cell {int(cells.min())}; write it again")
-    if last >= len(cells):  # before there is an array of as many
+    if last >= len(cells):  # before an array of that size is allocated
         raise InputError(f"{what}: a face is of cell {last}, of cells with {len(cells):,} faces in all; write it again")
     counts = np.bincount(cells.astype(np.int64), minlength=last + 1)
     if not counts.all():

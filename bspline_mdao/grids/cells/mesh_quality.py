@@ -1,16 +1,16 @@
-"""Faces and cells of a mesh without structure, judged as OpenFOAM's ``checkMesh`` defines it.
+"""Faces and cells of an unstructured mesh, judged as OpenFOAM's ``checkMesh`` defines it.
 
-- *Non-orthogonality* of an inner face: the angle between its area vector and the line from the centre of one of its
-  cells to that of the other.
-- *Skewness* of a face: how far the point in which that line meets it is from its centre, by the extent of the face from
-  its centre in that direction, but at least a fifth of the length of the line. At the boundary the line is that along
-  the normal from the centre of the cell, and two fifths of its length count.
-- *Face pyramids*: those from the centres of the cells of a face to it. A face is oriented wrongly where one of them has
-  a negative volume.
+- *Non-orthogonality* of an inner face: the angle between its area vector and the line between the centres of its two
+  cells.
+- *Skewness* of a face: the distance between its centre and the point where that line meets it, divided by the extent of
+  the face from its centre in that direction, but at least by a fifth of the length of the line. At the boundary the
+  line runs along the normal from the centre of the cell, and two fifths of its length count.
+- *Face pyramids*: the pyramids from the centres of the cells of a face to it. A face is oriented wrongly if one of them
+  has a negative volume.
 
-The centre of a face is that of the triangles around the mean of its corners, weighted by their areas; the centre and
-the volume of a cell are those of the pyramids from the mean of the centres of its faces. The average angle is that of
-the mean cosine.
+The centre of a face is the area-weighted mean of the centres of the triangles around the mean of its corners. The
+centre and the volume of a cell are computed from the pyramids around the mean of the centres of its faces. The average
+angle is the angle of the mean cosine.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -32,17 +32,17 @@ SEVERE, BEYOND, SKEWED = 70.0, 90.0, 4.0
 """Angles (deg) and skewness above which ``checkMesh`` counts a face: up to `BEYOND` as severe, then as an error."""
 
 ROUNDED = 1e-15
-"""Volume (m^3) that a pyramid may be negative by in ``checkMesh``, whatever the size of the mesh."""
+"""Negative volume (m^3) of a pyramid that ``checkMesh`` tolerates, whatever the size of the mesh."""
 
 INNER_PART, OUTER_PART = 0.2, 0.4
-"""Parts of the line through a face that its extent is at least taken for, inside and at the boundary."""
+"""Fractions of the line through a face that are lower bounds of its extent, inside and at the boundary."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Faces:
     """Faces of a mesh, each once."""
 
-    corners: np.ndarray  # int (n_corners,), corners of all faces, one after the other, around the normal out of `owner`
+    corners: np.ndarray  # int (n_corners,), corners of all faces in sequence, around the normal out of `owner`
     starts: np.ndarray  # int (n_faces + 1,), first corner of each
     owner: np.ndarray  # int (n_faces,), the cell on one side
     neighbour: np.ndarray  # int (n_faces,), the cell on the other side; -1 for none
@@ -50,16 +50,16 @@ class _Faces:
 
 @dataclass(frozen=True, eq=False)
 class MeshQuality(OneLine):
-    """What faces and cells of a mesh are like."""
+    """Measures of the faces and cells of a mesh."""
 
-    volumes: np.ndarray  # (n_cells,), volumes (m^3), of faces that are cut into triangles around their means
+    volumes: np.ndarray  # (n_cells,), volumes (m^3), with faces cut into triangles around their means
     is_inverted: np.ndarray  # bool (n_cells,), see `CellQuality`
     angles: np.ndarray  # (n_inner,), non-orthogonality of the faces between two cells (deg)
-    cell_angles: np.ndarray  # (n_cells,), the largest of the faces of each cell (deg); 0 where it has no neighbour
-    mean_angle: float  # the angle of the mean of their cosines (deg); 0 where there is none
+    cell_angles: np.ndarray  # (n_cells,), largest angle of the faces of each cell (deg); 0 without neighbours
+    mean_angle: float  # the angle of the mean cosine (deg); 0 if there is none
     skewness: np.ndarray  # (n_faces,), skewness of all faces
     middles: np.ndarray  # (n_cells, 3), centres of the cells (m)
-    # (n_faces, 2), volumes of the pyramids from the centres of its cells to each face (m^3); 0 where there is no cell
+    # (n_faces, 2), volumes of the pyramids from the centres of its cells to each face (m^3); 0 if there is no cell
     pyramids: np.ndarray
 
     @property
@@ -89,7 +89,7 @@ class MeshQuality(OneLine):
 
 
 def mesh_quality(mesh: MixedMesh, points: np.ndarray | None = None) -> MeshQuality:
-    """Measure the faces and cells of a mesh, with its nodes somewhere else if these are given, shape (n, 3)."""
+    """Measure the faces and cells of a mesh, with other nodes if given, shape (n, 3)."""
     x = mesh.points if points is None else mesh.as_nodes(points)
     faces, is_inverted = _faces(mesh), mesh.quality(x).is_inverted
     centres, areas = polygon_geometry(x, faces.corners, faces.starts)
@@ -108,7 +108,7 @@ def mesh_quality(mesh: MixedMesh, points: np.ndarray | None = None) -> MeshQuali
 
 
 def _faces(mesh: MixedMesh) -> _Faces:
-    """Find the faces of a mesh, each once; pieces of a polygon are one."""
+    """Find the faces of a mesh, each once; pieces of a polygon are joined."""
     rows, cells = mesh.cell_faces
     _, ids = np.unique(face_keys(rows, mesh.n_points), return_inverse=True)
     ids = ids.ravel()
@@ -128,7 +128,7 @@ def _faces(mesh: MixedMesh) -> _Faces:
 
 @njit(cache=True)
 def _loops(rows, cells, order, starts, corners, ends, owner, neighbour):
-    """Write the corners of faces that may be in pieces, and their cells: those as seen from the first cell."""
+    """Write the corners of faces that may be in pieces, and their cells, as seen from the first cell."""
     at = 0
     for f in range(len(owner)):
         owner[f], neighbour[f], first = cells[order[starts[f]]], -1, at
@@ -139,7 +139,7 @@ def _loops(rows, cells, order, starts, corners, ends, owner, neighbour):
                 neighbour[f] = cells[row]
                 continue
             a, b, c, d = rows[row, 0], rows[row, 1], rows[row, 2], rows[row, 3]
-            if a == b:  # a triangle that is seen from the other cell
+            if a == b:  # a triangle seen from the other cell
                 a, b, c, d, is_turned = d, c, a, a, True
             if at == first:
                 corners[at], corners[at + 1], corners[at + 2] = a, b, c
@@ -200,7 +200,7 @@ def _add_pyramids(centres, areas, owner, neighbour, means, weights):
 @njit(cache=True, error_model="numpy")
 def _judge(x, corners, starts, owner, neighbour, centres, areas, middles, cosines, skewness, pyramids):
     """Write the cosine of the non-orthogonality, which is 1 at the boundary, skewness and pyramids of every face."""
-    tiny = 1e-300  # of faces that have shrunk to nothing
+    tiny = 1e-300  # for faces that have shrunk to a point
     line, to_face, off = np.empty(3), np.empty(3), np.empty(3)
     for f in range(len(owner)):
         area, is_inner = areas[f], neighbour[f] >= 0

@@ -1,15 +1,15 @@
-"""Lower bounds of the Jacobians of cells of mixed kinds, whose edges are straight, by Bernstein coefficients.
+"""Lower bounds of the Jacobians of cells of mixed kinds with straight edges, by Bernstein coefficients.
 
 ======================== ==================================================================================
 tetrahedron              constant: the triple product of the edges at a corner
 wedge                    linear in the triangle and quadratic across it: three at each corner of the triangle
 pyramid                  quadratic over the base, times (1 - zeta)^2: nine, those of the hexahedron whose upper
-                         corners are all the apex
+                         corners all coincide with the apex
 hexahedron               27, see `.jacobian_bounds`
 ======================== ==================================================================================
 
-A wedge is positive where it is on its three edges across, each a polynomial of one variable. Polyhedra are images of
-nothing, and have no bound. Programs do not agree which way cells go round: the sign is that of most cells of a kind.
+A wedge is positive if it is on its three edges across, each a polynomial of one variable. Polyhedra have no map, and
+no bound. Programs disagree about the orientation of cells, so the sign of most cells of a kind is taken.
 
 Theory: ``docs/theory/validity.rst``.
 
@@ -37,25 +37,25 @@ __all__ = ["certify_mixed", "jacobian_bounds"]
 ORDER = np.array(
     [[0, 1, 2, 3, 0, 0, 0, 0], [0, 1, 3, 2, 4, 4, 4, 4], [0, 1, 2, 3, 4, 5, 0, 0], [0, 1, 3, 2, 4, 5, 7, 6]]
 )
-"""Corners of tetrahedra, pyramids, wedges and hexahedra as they are needed: the first corner of a hexahedron is joined
-to those of numbers 1, 2 and 4."""
+"""Corners of tetrahedra, pyramids, wedges and hexahedra in the order needed: the first corner of a hexahedron is joined
+to corners 1, 2 and 4."""
 
 TETRA, PYRAMID, WEDGE, HEXAHEDRON = 0, 1, 2, 3
 SHAPES = np.array([[1, 1, 1], [1, 3, 3], [1, 1, 3], [3, 3, 3]])
-"""Numbers of each kind, and the shapes of its coefficients; a wedge has three of these, one after the other."""
+"""Numbers of each kind, and the shapes of its coefficients; a wedge has three of these in sequence."""
 
 KIND = {"tetra": TETRA, "pyramid": PYRAMID, "wedge": WEDGE, "hexahedron": HEXAHEDRON}
 
 PIECE = 1 << 15
-"""Cells that a thread takes at once."""
+"""Number of cells that a thread takes at once."""
 
 
 def jacobian_bounds(
     mesh: MixedMesh,  # the mesh on the baseline
-    points: np.ndarray | None = None,  # (n, 3), where its nodes are; on the baseline by default (m)
+    points: np.ndarray | None = None,  # (n, 3), its nodes (m); by default the baseline's
     n_threads: int | None = None,
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """What is known of the cells of each kind, and lower bounds of their Jacobians, those of pyramids at their base."""
+    """Statuses of the cells of each kind, and lower bounds of their Jacobians, of pyramids at their base."""
     found = {}
     for kind, cells in mesh.cells.items():
         if len(cells):
@@ -72,9 +72,9 @@ def jacobian_bounds(
 
 def certify_mixed(
     mesh: MixedMesh,  # the mesh on the baseline
-    points: np.ndarray | None = None,  # (n, 3), where its nodes are; on the baseline by default (m)
-) -> tuple[BlockCertificate, ...]:  # one for each kind of cells that have a map; none of polyhedra
-    """Prove which cells are valid: those whose maps have a positive Jacobian everywhere inside."""
+    points: np.ndarray | None = None,  # (n, 3), its nodes (m); by default the baseline's
+) -> tuple[BlockCertificate, ...]:  # one for each kind of cells that have a map; none for polyhedra
+    """Prove which cells are valid: cells whose maps have a positive Jacobian everywhere inside."""
     return tuple(
         of_statuses(mesh.kind_in_file(kind), "cell", status, part="kind")
         for kind, (status, _) in jacobian_bounds(mesh, points).items()
@@ -124,7 +124,7 @@ def _longest(edges):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _wedge(corners, sign, edges, out):
-    """Write three coefficients for each corner of the triangle of a wedge, and return how wrong they may be."""
+    """Write three coefficients for each corner of the triangle of a wedge, and return their error bound."""
     a, b, c = edges[0], edges[1], edges[2]
     along_a = max(_vector(corners, 0, 1, a[0]), _vector(corners, 3, 4, a[1]))
     along_b = max(_vector(corners, 0, 2, b[0]), _vector(corners, 3, 5, b[1]))
@@ -139,7 +139,7 @@ def _wedge(corners, sign, edges, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _coefficients(kind, corners, sign, edges, out):
-    """Write the coefficients of a cell; return how many there are, and how wrong they may be."""
+    """Write the coefficients of a cell; return their number and their error bound."""
     if kind == WEDGE:
         return 9, _wedge(corners, sign, edges, out)
     if kind == TETRA:
@@ -173,7 +173,7 @@ def _means(kind, points, cells, sign, means):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _decide(kind, points, cells, sign, status, bound):
-    """Write what is known of each cell and a lower bound of its Jacobian, halving where coefficients leave it open."""
+    """Write the status of each cell and a lower bound of its Jacobian, halving if coefficients do not suffice."""
     corners, edges, out = np.empty((8, 3)), np.zeros((3, 4, 3)), np.empty(27)
     for cell in range(len(cells)):
         _corners_of(points, cells[cell], ORDER[kind], corners)

@@ -1,12 +1,12 @@
 """Meshes of mixed cells: tetrahedra, pyramids, wedges, hexahedra and polyhedra, by the faces of their cells.
 
-Corners are numbered as VTK, CGNS and Gmsh do::
+Corners are numbered as in VTK, CGNS and Gmsh::
 
     tetra    0, 1, 2, and 3 above               pyramid      0, 1, 2, 3, and 4 above
     wedge    0, 1, 2, and 3, 4, 5 above         hexahedron   0, 1, 2, 3, and 4, 5, 6, 7 above
 
-Every inner face is there twice, once of each of its cells, as a quad that goes around the normal out of the cell;
-triangles have their last corner twice, and faces of more corners are cut into a fan.
+Every inner face is stored twice, once for each of its cells, as a quad around the normal out of the cell; triangles
+repeat their last corner, and faces with more corners are cut into a fan.
 
 Theory: ``docs/theory/ride.rst``.
 """
@@ -47,32 +47,32 @@ FACES = {
     "wedge": ((0, 2, 1, 1), (3, 4, 5, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
     "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
 }
-"""Faces of each kind of cell, around the normal out of it."""
+"""Faces of each kind of cell, around the outward normal."""
 
 MIXERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)
-"""Odd numbers by which corners become one number modulo 2^64 where they do not fit: two of ten million faces are taken
-for one with a chance of 3e-6."""
+"""Odd numbers that combine corners into one number modulo 2^64 if they do not fit: two of ten million faces collide
+with a probability of 3e-6."""
 
 UPRIGHT = 0.1
-"""Cosine of the angle between an edge and the normal of the wall, from which on the edge leads off the wall."""
+"""Cosine of the angle between an edge and the normal of the wall, above which the edge leads off the wall."""
 
 CANCELLED = 1e-6
-"""Part of the areas around a node that their sum has to be for a normal there: at the edge of a plate without
+"""Fraction of the areas around a node that their sum must have for a normal there: at the edge of a plate without
 thickness both sides cancel but for rounding."""
 
 
 def padded(faces: np.ndarray) -> np.ndarray:
-    """Faces as quads, shape (n, 4): a triangle has its last corner twice."""
+    """Faces as quads, shape (n, 4): triangles repeat their last corner."""
     return faces if faces.shape[1] == 4 else faces[:, [0, 1, 2, 2]]
 
 
 def fans(
-    corners: np.ndarray,  # int (n_corners,), corners of all faces one after the other
-    sizes: np.ndarray,  # int (n_faces,), how many each has
+    corners: np.ndarray,  # int (n_corners,), corners of all faces in sequence
+    sizes: np.ndarray,  # int (n_faces,), number of corners of each
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cut faces of any number of corners into quads and triangles."""
-    # returns quads int (n, 4): quads, and triangles with their last corner twice; faces of more corners are fans
-    # returns face int (n,): face that each is of, ascending
+    # returns quads int (n, 4): quads, and triangles with their last corner twice; faces with more corners are fans
+    # returns face int (n,): face of each, ascending
     starts, counts = np.cumsum(sizes) - sizes, np.where(sizes > 4, sizes - 2, 1)
     face = np.repeat(np.arange(len(sizes)), counts)
     piece = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -83,11 +83,11 @@ def fans(
 
 @dataclass(frozen=True, eq=False)
 class CellQuality(OneLine):
-    """Volumes of cells, and which are inverted."""
+    """Volumes of cells, and which cells are inverted."""
 
     volumes: np.ndarray  # (n_cells,), volumes (m^3)
-    # whether the volume, or that of a pyramid from the middle of the cell to one of its faces, is not positive. The
-    # middle is that of the middles of its faces, weighted by their areas
+    # whether the volume, or the volume of a pyramid from the centre of the cell to one of its faces, is not positive.
+    # The centre is the mean of the centres of its faces, weighted by their areas
     is_inverted: np.ndarray  # bool (n_cells,)
 
 
@@ -102,30 +102,30 @@ class MixedMesh(OneLine):
     cells : mapping of str to ndarray of int, each of shape (n_kind, n_corners)
         Corners of the cells of each kind, see `FACES`.
     markers : mapping of str to ndarray of int, each of shape (n_faces, 4)
-        Faces of the parts of the boundary by their names, triangles with their last corner twice.
+        Faces of the parts of the boundary, by name; triangles repeat their last corner.
     polyhedra : tuple of two ndarray of int, of shapes (n_faces, 4) and (n_faces,), optional
-        Faces of cells of any kind as seen from each cell, around the normal out of it, and the numbers of their cells.
+        Faces of cells of any kind as seen from each cell, around the outward normal, and the numbers of their cells.
     source : str
-        Where it comes from, for messages.
+        Its origin, for messages.
     n_copies : int
-        How often each node of its file is among the nodes, all of them once before any a second time: twice where the
-        file is of two dimensions.
+        Number of copies of each node of its file among the nodes, all nodes once before any a second time: two for a
+        two-dimensional file.
     stated : mapping of str to str, optional
-        What the file says that markers are: types of OpenFOAM's patches, or of CGNS's boundary conditions.
+        What the file says about markers: types of OpenFOAM's patches, or of CGNS's boundary conditions.
     polygons : ndarray of int, shape (n_faces,), optional
-        Which polygon each face of ``polyhedra`` is, or a piece of; pieces of one follow each other. By default each is
-        one by itself.
+        The polygon to which each face of ``polyhedra`` belongs; pieces of one polygon are consecutive. By default each
+        face is a polygon of its own.
     numbers : ndarray of int, shape (n_file,), optional
-        Which of its nodes each node of its file is, where the file is a grid of blocks, which share nodes: blocks in
+        The node of the mesh for each node of its file, if the file is a grid of blocks, which share nodes: blocks in
         order, each in C order.
     unit : str
-        Unit of its lengths, empty where nothing says it: metres are assumed then.
+        Unit of its lengths, empty if unknown; metres are assumed then.
 
     Raises
     ------
     InputError
-        If a node is not finite, an element has a node that there is not, a kind of cells is unknown, or a cell has no
-        faces: kernels index by these numbers without looking.
+        If a node is not finite, an element has a node that does not exist, a kind of cells is unknown, or a cell has no
+        faces: kernels index by these numbers unchecked.
 
     Examples
     --------
@@ -149,7 +149,7 @@ class MixedMesh(OneLine):
     unit: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse what is no mesh, whoever reads it."""
+        """Refuse what is not a mesh, whatever its source."""
         object.__setattr__(self, "points", self.as_nodes(self.points))
         n, copies = len(self.points), self.n_copies
         for kind, corners in self.cells.items():
@@ -167,7 +167,7 @@ class MixedMesh(OneLine):
         Raises
         ------
         InputError
-            If they are of another shape, not finite, or complex.
+            If they have another shape, or are not finite, or are complex.
         """
         nodes = as_finite_points(points, len(self.points), f"{self.source}: nodes")
         if nodes.dtype.kind == "c":
@@ -181,7 +181,7 @@ class MixedMesh(OneLine):
 
     @property
     def length_unit(self) -> str:
-        """Unit of its lengths: what is said, or metres."""
+        """Unit of its lengths: the given one, or metres."""
         return self.unit or "m"
 
     @property
@@ -190,9 +190,9 @@ class MixedMesh(OneLine):
         return self.n_points // self.n_copies
 
     def nodes_of_file(self, points: np.ndarray) -> np.ndarray:
-        """Give nodes of the mesh, shape (n, 3), in the order of its file.
+        """Return nodes of the mesh, shape (n, 3), in the order of its file.
 
-        Of a grid of blocks that is what its vector holds, shape (n_file, 3), nodes that blocks share once in each.
+        For a grid of blocks this is the grid vector, shape (n_file, 3), with shared nodes once in each block.
         """
         points = self.as_nodes(points)
         return points[: self.n_stored] if self.numbers is None else points[self.numbers]
@@ -208,18 +208,18 @@ class MixedMesh(OneLine):
         return n + (0 if self.polyhedra is None else int(self.polyhedra[1].max(initial=-1)) + 1)
 
     def kind_in_file(self, kind: str) -> str:
-        """Name of a kind of cells in its file, which may be of two dimensions."""
+        """Name of a kind of cells in its file, which may be two-dimensional."""
         return {"wedge": "triangle", "hexahedron": "quad"}.get(kind, kind) if self.n_copies == 2 else kind
 
     @property
     def cell_counts(self) -> dict[str, int]:
-        """Number of cells of each kind; those of a file of two dimensions by their names there."""
+        """Number of cells of each kind; in a two-dimensional file by their names there."""
         found = {self.kind_in_file(kind): len(corners) for kind, corners in self.cells.items() if len(corners)}
         n_polyhedra = self.n_cells - sum(found.values())
         return {**found, **({"polyhedron": n_polyhedra} if n_polyhedra else {})}
 
     def cell_name(self, cell: int) -> str:
-        """Kind of a cell, and its number among those of the kind, from 1."""
+        """Kind of a cell, and its number among the cells of this kind, from 1."""
         for kind, n in self.cell_counts.items():
             if cell < n:
                 return f"{kind} {cell + 1:,}"
@@ -228,9 +228,9 @@ class MixedMesh(OneLine):
 
     @cached_property
     def cell_faces(self) -> tuple[np.ndarray, np.ndarray]:
-        """Faces of all cells, shape (n, 4), around the normal out of these, and their cells, shape (n,).
+        """Faces of all cells, shape (n, 4), around their outward normals, and their cells, shape (n,).
 
-        Programs do not agree which way a wedge goes round: faces are turned where most cells of a kind have negative
+        Programs disagree about the orientation of a wedge: faces are turned if most cells of a kind have negative
         volumes otherwise.
         """
         kind = np.int32 if max(self.n_points, self.n_cells) < 2**31 else np.int64
@@ -253,7 +253,7 @@ class MixedMesh(OneLine):
 
     @cached_property
     def sides(self) -> tuple[np.ndarray | None, np.ndarray]:
-        """Side of a cell that each face is a piece of, ascending, None where all are whole; and the cells of sides."""
+        """Side of a cell to which each face belongs, ascending, None if all are whole; and the cells of sides."""
         _, cells = self.cell_faces
         if self.polygons is None:
             return None, cells
@@ -262,20 +262,20 @@ class MixedMesh(OneLine):
         return (None, cells) if is_first.all() else (np.cumsum(is_first) - 1, cells[is_first])
 
     def pyramids(self, points: np.ndarray | None = None) -> Pyramids:
-        """Pyramids to the sides of all cells, with its nodes somewhere else if these are given, shape (n, 3)."""
+        """Pyramids to the sides of all cells, with other nodes if given, shape (n, 3)."""
         x, (faces, cells) = self.points if points is None else points, self.cell_faces
         return Pyramids.of(x, faces, cells, self.n_cells, self.sides[0])
 
     @cached_property
     def skin(self) -> np.ndarray:
-        """Faces that one cell alone has, around the normal out of it, shape (n, 4)."""
+        """Faces that belong to one cell only, around the outward normal, shape (n, 4)."""
         faces, _ = self.cell_faces
         keys = face_keys(faces, self.n_points)
         _, first, counts = np.unique(keys, return_index=True, return_counts=True)
         return faces[np.sort(first[counts == 1])]
 
     def into_fluid(self, faces: np.ndarray) -> np.ndarray:
-        """Turn faces of the boundary so that they go around the normal into the mesh.
+        """Turn faces of the boundary so that they run around the normal into the mesh.
 
         Parameters
         ----------
@@ -285,7 +285,7 @@ class MixedMesh(OneLine):
         Returns
         -------
         ndarray of int, shape (m, 4)
-            Those that are faces of one cell alone.
+            The faces that belong to one cell only.
         """
         of_cells, _ = self.cell_faces
         is_of_wall = np.zeros(self.n_points, dtype=bool)
@@ -296,23 +296,23 @@ class MixedMesh(OneLine):
         return near[np.sort(first[wanted])][:, ::-1]
 
     def quality(self, points: np.ndarray | None = None) -> CellQuality:
-        """Measure its cells, with its nodes somewhere else if these are given, shape (n, 3)."""
+        """Measure its cells, with other nodes if given, shape (n, 3)."""
         return quality_of(self.pyramids(points))
 
 
 def quality_of(pyramids: Pyramids) -> CellQuality:
-    """Volumes of cells and which are inverted, by their pyramids."""
+    """Volumes of cells, and which cells are inverted, by their pyramids."""
     volumes, least = pyramids.of_cells.T
     return CellQuality(volumes, np.minimum(volumes, least) <= 0.0)
 
 
 def face_keys(faces: np.ndarray, n_points: int) -> np.ndarray:
-    """Numbers of faces, alike where the corners are, whatever their order: shape (n,)."""
+    """Numbers of faces, equal for the same corners in any order: shape (n,)."""
     ids = np.sort(faces, axis=1).astype(np.int64)
     is_triangle = (ids[:, 1:] == ids[:, :-1]).any(axis=1)
     first = np.argmax(ids[:, 1:] == ids[:, :-1], axis=1)
     ids[is_triangle] = np.sort(np.where(np.arange(4) == first[is_triangle, None], n_points, ids[is_triangle]), axis=1)
-    if n_points < 2**21 - 1:  # three corners tell a face, and fit into one number
+    if n_points < 2**21 - 1:  # three corners identify a face, and fit into one number
         return (ids[:, 0] * (n_points + 1) + ids[:, 1]) * (n_points + 1) + ids[:, 2]
     return ids[:, :3].astype(np.uint64) @ np.array(MIXERS, dtype=np.uint64)
 
@@ -322,10 +322,10 @@ def first_heights(
     wall: np.ndarray,  # int (n_faces, 4), faces of the wall, around the normal into the mesh
     ids: np.ndarray,  # int (n_wall,), nodes of the wall, ascending
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the node next to each node of a wall, along the edge that leads off it most."""
-    # returns at int (m,): those of the nodes that have one, as numbers among `ids`; those on the edge of a plate
-    # without thickness, where the wall has no normal, have none
-    # returns beside int (m,): nodes next to them
+    """Find the next node of each node of a wall, along the edge most normal to the wall."""
+    # returns at int (m,): wall nodes that have one, as numbers among `ids`; nodes on the edge of a plate without
+    # thickness, where the wall has no normal, have none
+    # returns beside int (m,): their next nodes
     is_wall = np.zeros(mesh.n_points, dtype=bool)
     is_wall[ids] = True
     faces, _ = mesh.cell_faces
@@ -344,14 +344,14 @@ def first_heights(
 
 
 def faces_around(ids: np.ndarray, faces: np.ndarray) -> csr_array:
-    """Matrix (n, n_faces) with one for each face around each node; a corner that a triangle has twice counts once."""
+    """Matrix (n, n_faces) with one for each face around each node; a repeated corner of a triangle counts once."""
     places = np.stack([np.searchsorted(ids, faces).ravel(), np.repeat(np.arange(len(faces)), 4)], axis=1)
     rows, columns = np.unique(places, axis=0).T
     return csr_array((np.ones(len(rows)), (rows, columns)), shape=(len(ids), len(faces)))
 
 
 def _wall_normals(points: np.ndarray, wall: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """Unit normals of a wall at its nodes, shape (n_wall, 3), zero where there is none, see `first_heights`."""
+    """Unit normals of a wall at its nodes, shape (n_wall, 3), zero if there is none, see `first_heights`."""
     areas = area_vectors(points[wall])
     sums = faces_around(ids, wall) @ np.column_stack([areas, np.linalg.norm(areas, axis=1)])
     lengths = np.linalg.norm(sums[:, :3], axis=1)

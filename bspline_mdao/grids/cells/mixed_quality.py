@@ -1,7 +1,7 @@
-"""Quality of cells of mixed kinds as a function of the nodes: bounds with derivatives, and which cells are inverted.
+"""Quality of cells of mixed kinds as a function of the nodes: bounds with derivatives, and inverted cells.
 
-Bounded from below are the volumes of the pyramids between the middle of a cell and its faces (`.pyramids`), over those
-of the baseline: while they are positive, no cell is inverted. Heights of the nodes next to walls are beside them
+The volumes of the pyramids between the centre of a cell and its faces (`.pyramids`), relative to the baseline, are
+bounded from below: while they are positive, no cell is inverted. Heights of the nodes next to walls are bounded as well
 (`.node_heights`). `.aggregates` has the table of bounds, and says which of them cells of mixed kinds have.
 
 Theory: ``docs/theory/quality.rst``.
@@ -28,7 +28,7 @@ from .quads import rings
 __all__ = ["MixedQuality", "MixedReport", "NewlyInverted"]
 
 FLAT = 1e-12
-"""Part of the volume of its cell that a pyramid has to have on the baseline to count: less is rounding."""
+"""Fraction of its cell's volume that a pyramid must have on the baseline to count: less is rounding."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ class MixedReport:
 
     n_cells: int
     min_volume: float  # smallest volume of a cell (m^3)
-    min_ratio: float  # smallest volume of a pyramid between the middle of a cell and a face, over the baseline's
+    min_ratio: float  # smallest volume of a pyramid between the centre of a cell and a face, relative to the baseline
     n_inverted: int  # cells with a pyramid that is not positive
-    n_newly_inverted: int  # those of them that were valid on the baseline
-    heights: tuple[float, float]  # least and largest height of a node next to a wall, over the baseline's
+    n_newly_inverted: int  # inverted cells that were valid on the baseline
+    heights: tuple[float, float]  # smallest and largest height of a node next to a wall, relative to the baseline
 
     @classmethod
     def joined(cls, parts: Sequence[MixedReport]) -> MixedReport:
-        """Report on all cells from those on parts of them."""
+        """Report on all cells from the reports on parts of them."""
         return cls(
             n_cells=sum(part.n_cells for part in parts),
             min_volume=min(part.min_volume for part in parts),
@@ -56,14 +56,14 @@ class MixedReport:
 
     @property
     def summary(self) -> dict[str, float]:
-        """Numbers to keep of many meshes: of heights only where there are walls."""
+        """Scalars to store for many meshes: of heights only if there are walls."""
         numbers = {name: getattr(self, name) for name in ("min_volume", "min_ratio", "n_inverted", "n_newly_inverted")}
         low, high = self.heights
         return numbers | ({"height_min": low, "height_max": high} if high else {})
 
 
 class NewlyInverted(NamedTuple):
-    """Cells that are inverted and were not: how many, the worst of them, and its least pyramid by that before."""
+    """Newly inverted cells: their number, the worst of them, and its smallest pyramid relative to the baseline."""
 
     n: int
     ratio: float
@@ -72,7 +72,7 @@ class NewlyInverted(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MixedQuality(OneLine):
-    """Quality of the cells of a mesh, or of those of one process, whose baseline has decided what counts; see `of`.
+    """Quality of the cells of a mesh, or of one process, whose baseline has decided which pyramids count; see `of`.
 
     Examples
     --------
@@ -85,12 +85,12 @@ class MixedQuality(OneLine):
     """
 
     mesh: MixedMesh
-    cells: CellRange  # those that are judged here
+    cells: CellRange  # the cells that are judged here
     has_heights: bool  # whether the mesh has nodes next to walls
-    counted: np.ndarray  # int (n,), pyramids that count: those of cells that are valid on the baseline
+    counted: np.ndarray  # int (n,), pyramids that count: of cells that are valid on the baseline
     scales: np.ndarray  # (n,), their volumes on the baseline (m^3)
     was_inverted: np.ndarray  # bool (n,), cells that are inverted on the baseline
-    heights: NodeHeights  # those that are judged here
+    heights: NodeHeights  # the heights that are judged here
     rho: float = 100.0  # sharpness of the bound of cells
     rho_height: float = 1000.0  # sharpness of the bounds of heights
 
@@ -101,10 +101,10 @@ class MixedQuality(OneLine):
         walls: np.ndarray,  # int (n_faces, 4), faces of the walls, around the normal into the mesh
         rho: float = 100.0,
         rho_height: float = 1000.0,
-        rank: int = 0,  # which of several processes this one is, and how many there are
+        rank: int = 0,  # number of this process among several, and how many there are
         n_ranks: int = 1,
     ) -> MixedQuality:
-        """Decide about the cells of a baseline; of several processes each takes as many."""
+        """Decide about the cells of a baseline; each of several processes takes an equal share."""
         for sharpness in (rho, rho_height):
             KreisselmeierSteinhauser(sharpness)
         judged = CellRange.of(mesh, rank, n_ranks)
@@ -133,11 +133,11 @@ class MixedQuality(OneLine):
 
     @property
     def aggregates(self) -> tuple[str, ...]:
-        """Names of the aggregates that the mesh has: those of heights only where it has walls."""
+        """Names of the available aggregates: aggregates of heights only if the mesh has walls."""
         return tuple(n for n, a in AGGREGATES.items() if a.of_mixed and (self.has_heights or not a.is_of_heights))
 
     def require(self, names: Sequence[str], cells: bool = False) -> None:
-        """Refuse names of aggregates that the mesh has not, and Q of every cell."""
+        """Refuse names of aggregates that the mesh does not have, and Q of every cell."""
         if cells:
             raise InputError(
                 f"{self.mesh.source}: Q of every cell, Eq. (9), is of hexahedra in blocks, and cells of this mesh have "
@@ -183,7 +183,7 @@ class MixedQuality(OneLine):
         return GridValues(found)
 
     def vjp(self, nodes: np.ndarray, values: GridValues, bar: GridValues) -> np.ndarray:
-        """Adjoint of the nodes, shape (n_points, 3), from that of the aggregates."""
+        """Adjoint of the nodes, shape (n_points, 3), from the adjoint of the aggregates."""
         asked = {name: values.aggregates[name] for name, seed in bar.aggregates.items() if seed}
         weights, nodes_bar = self._weights(nodes, asked), np.zeros_like(nodes)
         for name, weight in weights.items():
@@ -197,7 +197,7 @@ class MixedQuality(OneLine):
         return nodes_bar
 
     def report(self, nodes: np.ndarray, n_bins: int = 50) -> MixedReport:
-        """Report on the mesh with nodes, shape (n_points, 3); ``n_bins`` is of distributions, which there are not."""
+        """Report on the mesh with nodes, shape (n_points, 3); ``n_bins`` is unused, as there are no distributions."""
         quality, heights = self.cells.quality(nodes), self.heights.ratios(nodes)
         ratios = self.cells.pyramids(nodes).volumes[self.counted] / self.scales
         return MixedReport(
@@ -210,11 +210,11 @@ class MixedQuality(OneLine):
         )
 
     def summary(self, nodes: np.ndarray) -> dict[str, float]:
-        """Numbers to keep of many meshes, see `MixedReport.summary`."""
+        """Scalars to store for many meshes, see `MixedReport.summary`."""
         return self.report(nodes).summary
 
     def cell_ratios(self, nodes: np.ndarray) -> np.ndarray:
-        """Least of the pyramids of every cell by that before, shape (n,); infinite where none counts."""
+        """Smallest pyramid of every cell relative to the baseline, shape (n,); infinite if none counts."""
         ratios = np.full(self.cells.n, np.inf)
         cells = self.cells.side_cells[self.counted]
         np.minimum.at(ratios, cells, self.cells.pyramids(nodes).volumes[self.counted] / self.scales)
@@ -234,7 +234,7 @@ class MixedQuality(OneLine):
         return NewlyInverted(int(np.count_nonzero(is_new)), float(ratios[cell]), self.cells.first + cell)
 
     def named(self, parts: Sequence[NewlyInverted]) -> str:
-        """Name the worst of all cells that are newly inverted, from the worst of parts of them; empty if none is."""
+        """Name the worst newly inverted cell, from the worst of parts of the cells; empty if none is."""
         parts = [part for part in parts if part.n]
         if not parts:
             return ""
@@ -249,7 +249,7 @@ class MixedQuality(OneLine):
         )
 
     def marker_at(self, place: np.ndarray) -> str:
-        """Marker that has the nearest node; empty where there are none."""
+        """Marker that has the nearest node; empty if there are none."""
         distances = {
             name: float(np.linalg.norm(self.mesh.points[faces].reshape(-1, 3) - place, axis=1).min(initial=np.inf))
             for name, faces in (self.mesh.markers or {}).items()
@@ -257,7 +257,7 @@ class MixedQuality(OneLine):
         return min(distances, key=lambda name: distances[name]) if distances else ""
 
     def _ratios(self, nodes: np.ndarray, names: Iterable[str]) -> dict[str, np.ndarray]:
-        """Numbers that each aggregate bounds; an upper bound takes the negative ones."""
+        """Numbers bounded by each aggregate; an upper bound takes the negative ones."""
         is_of_heights = {name: AGGREGATES[name].is_of_heights for name in names}
         found = {}
         if not all(is_of_heights.values()):
@@ -267,7 +267,7 @@ class MixedQuality(OneLine):
         return {name: _sign(name) * found[of_heights] for name, of_heights in is_of_heights.items()}
 
     def _weights(self, nodes: np.ndarray, values: Mapping[str, float]) -> dict[str, np.ndarray]:
-        """Derivatives of aggregates with respect to all that each bounds."""
+        """Derivatives of aggregates with respect to all numbers that each bounds."""
         ratios = self._ratios(nodes, values)
         return {name: self._rule(name).weights(ratios[name], _sign(name) * values[name]) for name in values}
 
@@ -276,5 +276,5 @@ class MixedQuality(OneLine):
 
 
 def _sign(name: str) -> float:
-    """Sign of an aggregate: -1 of an upper bound, which is minus the lower bound of the negative numbers."""
+    """Sign of an aggregate: -1 for an upper bound, which is minus the lower bound of the negative numbers."""
     return -1.0 if AGGREGATES[name].is_upper else 1.0

@@ -1,7 +1,7 @@
-"""Heights of the nodes next to walls of a mesh of mixed cells, and their ratios to those of the baseline.
+"""Heights of the nodes next to walls of a mesh of mixed cells, and their ratios to the baseline.
 
-The height at a node of a wall is the distance of the node next to it (`.mixed_cells.first_heights`) along the wall's
-unit normal there::
+The height at a node of a wall is the distance of its next node (`.mixed_cells.first_heights`) along the wall's unit
+normal there::
 
     h = (x_next - x) . N / |N| ,    N: area vectors of the wall's faces around the node, summed.
 
@@ -24,12 +24,12 @@ __all__ = ["NodeHeights"]
 
 @dataclass(frozen=True, eq=False)
 class NodeHeights(OneLine):
-    """Nodes of walls that have a node next to them; made by `of`."""
+    """Wall nodes that have a next node; made by `of`."""
 
     faces: np.ndarray  # int (n_faces, 4), faces of the walls, around the normal into the mesh
     around: csr_array  # (n, n_faces), one for the faces around each node
     rows: np.ndarray  # int (n,), the nodes
-    next_rows: np.ndarray  # int (n,), the nodes next to them
+    next_rows: np.ndarray  # int (n,), their next nodes
     baseline: np.ndarray  # (n,), heights on the baseline (m)
 
     @classmethod
@@ -53,7 +53,7 @@ class NodeHeights(OneLine):
         return np.sum(self._off(nodes) * self._normals(nodes)[0], axis=1)
 
     def part(self, rank: int, n_ranks: int) -> NodeHeights:
-        """Take those of one of several processes, as many each."""
+        """Take an equal share for one of several processes."""
         first, last = (len(self.rows) * k // n_ranks for k in (rank, rank + 1))
         here = slice(first, last)
         return NodeHeights(
@@ -61,7 +61,7 @@ class NodeHeights(OneLine):
         )
 
     def ratios(self, nodes: np.ndarray) -> np.ndarray:
-        """Heights over those of the baseline."""
+        """Heights relative to the baseline."""
         return self.heights(nodes) / self.baseline
 
     def jvp(self, nodes: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
@@ -87,7 +87,7 @@ class NodeHeights(OneLine):
         return nodes[self.next_rows] - nodes[self.rows]
 
     def _normals(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Unit normals, and the lengths of the sums that they are made of."""
+        """Unit normals, and the lengths of the sums from which they are made."""
         sums = self.around @ area_vectors(nodes[self.faces])
         lengths = np.linalg.norm(sums, axis=1)
         return sums / lengths[:, None], lengths

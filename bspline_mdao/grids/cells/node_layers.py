@@ -1,9 +1,9 @@
-"""Two neighbouring layers of the nodes of a block, as loops over cells take them: each coordinate and edge apart.
+"""Two neighbouring layers of the nodes of a block in the form that loops over cells read: by coordinate and edge.
 
-A node belongs to eight cells and an edge to four. Nodes are taken apart into rows of x, y and z once, and the inverse
-lengths of edges along eta and zeta are kept beside them, and those of the edges xi between the layers; cells then read
-from them what they need. Adjoints of nodes come back in the same way: those of the lower and of the upper corners of
-cells along zeta in rows apart, so that what is read has not just been written.
+A node belongs to eight cells and an edge to four. Nodes are split into rows of x, y and z once, with the inverse
+lengths of edges along eta and zeta, and of the edges xi between the layers; cells then read what they need. Adjoints of
+nodes return in the same way: contributions of the lower and of the upper corners of cells along zeta in separate rows,
+so that nothing is read right after it was written.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ N_ROWS = 5
 """Rows of a layer: x, y, z, inverse lengths of edges along eta, and along zeta."""
 
 N_BARS = 6
-"""Rows of adjoints of a layer: x, y and z from the lower corners of cells, and from their upper ones."""
+"""Rows of adjoints of a layer: x, y and z from the lower corners of cells, and from their upper corners."""
 
 
 @njit(inline="always")
 def line_of(shape):
-    """Places that a line of nodes along zeta takes: whole registers."""
+    """Number of places of a line of nodes along zeta: whole registers."""
     return (shape[2] + LANES - 1) // LANES * LANES
 
 
@@ -36,7 +36,7 @@ def new_layers(shape):
 
 @njit(inline="always")
 def new_bars(shape):
-    """Zeros for the adjoints of two layers, behind a register of zeros."""
+    """Zeros for the adjoints of two layers, preceded by a register of zeros."""
     return aligned_zeros(2 * N_BARS * shape[1] * line_of(shape) + LANES)
 
 
@@ -48,7 +48,7 @@ def _point(layers, at, size):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def read_layers(x, i, layers):
-    """Read layer i + 1 of nodes to where layer i - 1 was; at the beginning layer 0 as well."""
+    """Read layer i + 1 of nodes in place of layer i - 1; at the beginning layer 0 as well."""
     line, n_nodes = line_of(x.shape), x.shape[2]
     points, size = x.reshape(-1), x.shape[1] * line
     for layer in range(i + (i > 0), i + 2):
@@ -60,7 +60,7 @@ def read_layers(x, i, layers):
                 store(layers, at, LANES, p[0])
                 store(layers, at + size, LANES, p[1])
                 store(layers, at + 2 * size, LANES, p[2])
-        for at in range(0, size, LANES):  # no cell looks at what is behind the end of a line, or below layer 0
+        for at in range(0, size, LANES):  # no cell reads beyond the end of a line, or below layer 0
             p = _point(layers, here + at, size)
             eta, zeta = _point(layers, here + at + line, size), _point(layers, here + at + 1, size)
             store(layers, here + 3 * size + at, LANES, inverse_length(between(p, eta)))
@@ -116,7 +116,7 @@ def _add(bars, at, size, n, vector):
 
 @njit(**FAST)
 def add_corners(bars, shape, i, j, k, n, corners):
-    """Add adjoints of what `corners_of` gives, of ``n`` cells."""
+    """Add adjoints of `corners_of` for ``n`` cells."""
     line = line_of(shape)
     size, at = shape[1] * line, LANES + j * line + k
     low, high = (i % 2) * N_BARS * size + at, ((i + 1) % 2) * N_BARS * size + at
@@ -143,7 +143,7 @@ def add_layer(x_bar, i, bars):
             p, q = (
                 _point(bars, at, size),
                 _point(bars, at + 3 * size - 1, size),
-            )  # nothing is in the last place of a line
+            )  # the last place of a line is empty
             bar = p[0] + q[0], p[1] + q[1], p[2] + q[2]
             add_points(points, (i * x_bar.shape[1] + j) * n_nodes + k, min(LANES, n_nodes - k), bar)
     bars[here : here + N_BARS * size] = 0.0

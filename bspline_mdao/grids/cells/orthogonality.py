@@ -1,4 +1,4 @@
-"""Orthogonality Q of a hexahedral cell, Eq. (9), beside its Jacobians and its volume: formulas and derivatives.
+"""Orthogonality Q of a hexahedral cell, Eq. (9), with its Jacobians and its volume: formulas and derivatives.
 
 Corners are numbered ``c = a + 2 b + 4 d`` with a, b, d = 0, 1 along i, j, k. The three edges that meet at a corner are
 taken in the direction of rising index, whichever end the corner is on::
@@ -11,10 +11,10 @@ taken in the direction of rising index, whichever end the corner is on::
       0-------1
 
 Eq. (9) is the product of the corner triple products of unit edges, ``Q = prod_c (u_c x v_c) . w_c``. The triple product
-of the edges themselves is the Jacobian of the corner. Every formula stands here once, as straight-line code on the
+of the edges themselves is the Jacobian of the corner. Every formula is written here once, as straight-line code on the
 twelve edges of one cell, given as three tuples of four, along i, j and k, each edge a tuple of its components.
-`.cell_loops` calls it for all cells of a block or a list; beside each value stand its change (``_jvp``) and its
-transpose (``_vjp``).
+`.cell_loops` calls it for all cells of a block or a list. Each value has its change (``_jvp``) and its transpose
+(``_vjp``).
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -47,15 +47,15 @@ __all__ = [
 
 FAST = {"cache": True, "nogil": True, "error_model": "numpy", "forceinline": True, "fastmath": {"contract"}}
 """Options for straight-line code: compiled into its caller, whose loop over cells then becomes SIMD instructions;
-products and sums may become fused ones, which round once instead of twice."""
+products and sums may be fused, which round once instead of twice."""
 
 TINY = 1e-190
-"""Added to a squared length before its root is inverted, so that an edge of no length has a triple product of 0. Not
-less: a corner takes the product of three such inverses, 1e95 each."""
+"""Added to a squared length before its root is inverted, so that an edge of no length has a triple product of 0. It
+must not be smaller: a corner takes the product of three such inverses, 1e95 each."""
 
 
 def orthogonality(
-    triples: np.ndarray,  # corner triple products, the corners along ``axis``; 1 at corners that are degenerate
+    triples: np.ndarray,  # corner triple products, the corners along ``axis``; 1 at degenerate corners
     axis: int = -1,  # axis of the corners
 ) -> np.ndarray:
     """Q of Eq. (9), the product of the corner triple products."""
@@ -68,15 +68,15 @@ def orthogonality_jvp(triples: np.ndarray, d_triples: np.ndarray, axis: int = -1
 
 
 def orthogonality_vjp(triples: np.ndarray, q_bar: np.ndarray, axis: int = -1) -> np.ndarray:
-    """Adjoint of the corner triple products from that of Q, arrays as for `orthogonality`."""
+    """Adjoint of the corner triple products from the adjoint of Q, arrays as for `orthogonality`."""
     return _products_of_others(triples, axis) * np.expand_dims(q_bar, axis)
 
 
 def _products_of_others(triples: np.ndarray, axis: int) -> np.ndarray:
-    """Products of all corners but one: Q divided by one triple product, which may be zero itself."""
+    """Products of all corners but one: Q divided by one triple product, which may itself be zero."""
     corners = np.moveaxis(triples, axis, 0)
     others = np.ones_like(corners)
-    for corner in range(1, len(corners)):  # a row at a time, which NumPy's cumprod does not take
+    for corner in range(1, len(corners)):  # row by row, which NumPy's cumprod does not support
         np.multiply(others[corner - 1], corners[corner - 1], out=others[corner])
     following = np.ones_like(corners[0])
     for corner in range(len(corners) - 2, -1, -1):
@@ -97,7 +97,7 @@ def _dot(u, v):
 
 @njit(**FAST)
 def at_corners(xi, eta, zeta):
-    """Gather what belongs to the twelve edges into triples that belong to the eight corners."""
+    """Gather values of the twelve edges into triples for the eight corners."""
     return (
         (xi[0], eta[0], zeta[0]),
         (xi[0], eta[1], zeta[1]),
@@ -148,7 +148,7 @@ def corner_jvp(sign, edges, inverses, changes):
 
 @njit(**FAST)
 def corner_vjp(sign, edges, inverses, triple_bar, jacobian_bar):
-    """Transpose of `corner_jvp`: adjoints of the three edges of a corner without their stretch, and that of it."""
+    """Transpose of `corner_jvp`: adjoints of the three edges of a corner without their stretch, and of the stretch."""
     (a, b, c), (i_a, i_b, i_c) = edges, inverses
     ab, scaled = _cross(a, b), sign * triple_bar * (i_a * i_b * i_c)
     factor = sign * jacobian_bar + scaled
@@ -162,14 +162,14 @@ def _times(factor, p):
 
 @njit(**FAST)
 def _edge_bar(edge, inverse, p, q, shrink, r):
-    """Adjoint of an edge from those at its two corners and of their stretch, and from that of the volume."""
+    """Adjoint of an edge from its two corners and their stretch, and from the volume."""
     s = shrink * (inverse * inverse)
     return p[0] + q[0] - s * edge[0] + r[0], p[1] + q[1] - s * edge[1] + r[1], p[2] + q[2] - s * edge[2] + r[2]
 
 
 @njit(**FAST)
 def edges_vjp(edges, inverses, corner_bars, volume_bars):
-    """Transpose of `at_corners`: adjoints of the twelve edges, from those at the corners and those of the volume."""
+    """Transpose of `at_corners`: adjoints of the twelve edges, from the corners and from the volume."""
     b0, b1, b2, b3, b4, b5, b6, b7 = corner_bars
     (e, f, g), (i, j, k), (a, b, c) = edges, inverses, volume_bars
     return (
@@ -273,7 +273,7 @@ def _weighted(mean, s, p, t, q, scale):
 
 @njit(**FAST)
 def cell_volume_vjp(edges, bar):
-    """Adjoints of the edges from that of the volume."""
+    """Adjoints of the edges from the adjoint of the volume."""
     g_a, g_b, g_c, g_d, g_e, g_f = _volume_gradient(_shape_vectors(edges[0], edges[1], edges[2]))
     bar = bar * (1.0 / 64.0)
     low, high = _weighted(g_b, -1.0, g_e, 0.0, g_e, bar), _weighted(g_b, 1.0, g_e, 0.0, g_e, bar)

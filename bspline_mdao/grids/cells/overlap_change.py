@@ -1,4 +1,4 @@
-"""What a move does to the overlap of component grids: where their fringes lie in the cells of others, before and after.
+"""Effect of a move on the overlap of component grids: places of fringes in the cells of others, before and after.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -22,24 +22,24 @@ __all__ = ["OverlapChange"]
 
 @dataclass(frozen=True)
 class OverlapChange(OneLine):
-    """How the nodes of fringes move in the cells of other component grids that they lie in, their donors."""
+    """Motion of the nodes of fringes in the cells of other component grids that contain them, their donors."""
 
     n_fringe: int  # nodes of fringes
-    n_donors: int  # those that lie in a cell of another component grid before the move
-    n_left: int  # those that are out of that cell after it
+    n_donors: int  # nodes that lie in a cell of another component grid before the move
+    n_left: int  # nodes that have left that cell after it
     largest: float  # largest change of a coordinate in that cell, whose sides are 1
     median: float  # median of the largest change of each node
-    farthest: float  # by how much the farthest one is out of its cell
+    farthest: float  # distance of the farthest node from its cell
 
     @classmethod
     def of(
         cls,
         grid: Grid,  # the grid of the file
-        mesh: MixedMesh,  # it as a mesh
+        mesh: MixedMesh,  # the same as a mesh
         fringe: np.ndarray,  # int, nodes of the mesh on overset faces
         points: np.ndarray,  # (n, 3), its nodes after the move (m)
     ) -> OverlapChange:
-        """Measure a move; nodes that are blanked as interpolated, with a negative IBLANK, are of the fringe as well."""
+        """Measure a move; nodes blanked as interpolated, with a negative IBLANK, belong to the fringe as well."""
         ids = _block_ids(grid, mesh)
         components = _components(ids)
         before, after = [mesh.points[block] for block in ids], [points[block] for block in ids]
@@ -53,7 +53,7 @@ class OverlapChange(OneLine):
                 iblank = grid.blocks[number].iblank
                 if iblank is not None:
                     mine[ids[number][np.broadcast_to(iblank < 0, ids[number].shape)]] = True
-            rows = np.flatnonzero(mine[: mesh.n_stored])  # both planes of a section move alike
+            rows = np.flatnonzero(mine[: mesh.n_stored])  # both planes of a section move together
             n_fringe += len(rows)
             donors = donors_of_others(before, components, component, mesh.points[rows])
             has_donor = donors.block >= 0
@@ -72,7 +72,7 @@ class OverlapChange(OneLine):
         )
 
     def lines(self) -> list[str]:
-        """Say it in words; nothing where no node has a donor."""
+        """Describe it; empty if no node has a donor."""
         if not self.n_donors:
             return []
         left = f"; {self.n_left:,} are out of it by up to {self.farthest:.2g}" if self.n_left else ""
@@ -83,7 +83,7 @@ class OverlapChange(OneLine):
 
 
 def _block_ids(grid: Grid, mesh: MixedMesh) -> list[np.ndarray]:
-    """Nodes of the mesh that those of each block are; a plane grid is one cell deep."""
+    """Nodes of the mesh for the nodes of each block; a planar grid is one cell deep."""
     assert mesh.numbers is not None
     ids = grid.layout.split(mesh.numbers)
     if mesh.n_copies == 1:
@@ -92,7 +92,7 @@ def _block_ids(grid: Grid, mesh: MixedMesh) -> list[np.ndarray]:
 
 
 def _components(ids: Sequence[np.ndarray]) -> np.ndarray:
-    """Number of the component grid of each block: blocks that share nodes are one."""
+    """Number of the component grid of each block: blocks that share nodes belong together."""
     nodes = np.concatenate([block.ravel() for block in ids])
     blocks = np.repeat(np.arange(len(ids)), [block.size for block in ids])
     order = np.argsort(nodes, kind="stable")

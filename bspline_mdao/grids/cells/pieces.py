@@ -1,7 +1,7 @@
-"""Pieces of the blocks of a grid that are dealt out to processes, and what belongs to a block as a whole.
+"""Pieces of the blocks of a grid that are distributed to processes, and properties of whole blocks.
 
-A piece is a window of a block: all of it as a rule. Pieces of a block that is split share the nodes where it is cut and
-no cells. What is decided about a block as a whole, such as its size, then comes from all processes that hold a piece.
+A piece is a window of a block, usually all of it. Pieces of a split block share the nodes at the cut, but no cells.
+Properties of a whole block, such as its size, are gathered from all processes that hold a piece.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -38,7 +38,7 @@ class Frame(NamedTuple):
 class Pieces(OneLine):
     """Pieces of the blocks of a grid, and the processes that hold them."""
 
-    # The nodes of a process are those of its pieces one after another, each in C order.
+    # The nodes of a process are the nodes of its pieces in order, each in C order.
 
     partition: Partition  # pieces of every process, which may have none
     names: tuple[str, ...]  # names of the blocks of the grid

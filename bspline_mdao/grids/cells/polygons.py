@@ -1,4 +1,4 @@
-"""Centres and area vectors of faces of any number of corners, as OpenFOAM finds them: triangles around their means."""
+"""Centres and area vectors of faces of any number of corners, as in OpenFOAM: triangles around their means."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ __all__ = ["polygon_geometry"]
 
 def polygon_geometry(
     points: np.ndarray,  # (n_points, 3), points (m)
-    corners: np.ndarray,  # int (n_corners,), those of the faces one after the other
+    corners: np.ndarray,  # int (n_corners,), corners of the faces in sequence
     starts: np.ndarray,  # int (n_faces + 1,), first corner of each
 ) -> tuple[np.ndarray, np.ndarray]:  # centres (m) and area vectors (m^2), each of shape (n_faces, 3)
-    """Cut faces into triangles around the means of their corners; centres are weighted by the areas of these."""
+    """Cut faces into triangles around the means of their corners, whose areas weight the centres."""
     centres, areas = np.empty((len(starts) - 1, 3)), np.empty((len(starts) - 1, 3))
     _centres(points, corners, starts, centres, areas)
     return centres, areas

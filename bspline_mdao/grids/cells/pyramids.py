@@ -1,12 +1,12 @@
-r"""Pyramids between the middles of cells and their faces: volumes, and products with their derivatives.
+r"""Pyramids between the centres of cells and their faces: volumes, and products with their derivatives.
 
-The middle c of a cell is that of the middles m of its faces, weighted by their areas \|a\|::
+The centre c of a cell is the mean of the centres m of its faces, weighted by their areas \|a\|::
 
     v = a . (m - c) / 3 ,    c = sum |a| m / sum |a| .
 
-Tetrahedra, pyramids, prisms, hexahedra and polyhedra are alike: a cell is inverted where one of its pyramids is not
-positive. Faces are quads as `.mixed_cells` has them; a triangle has two neighbouring corners alike. Pieces of a polygon
-make one pyramid together.
+Tetrahedra, pyramids, prisms, hexahedra and polyhedra are treated alike: a cell is inverted if one of its pyramids is
+not positive. Faces are quads as in `.mixed_cells`; triangles repeat a corner. Pieces of a polygon make one pyramid
+together.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -28,10 +28,10 @@ class Pyramids(OneLine):
     """Pyramids of all faces of cells at one set of nodes; made by `of`."""
 
     points: np.ndarray  # (n, 3), nodes (m)
-    faces: np.ndarray  # int (n_faces, 4), around the normals out of the cells
+    faces: np.ndarray  # int (n_faces, 4), around the outward normals of the cells
     cells: np.ndarray  # int (n_faces,), cell of each
-    sums: np.ndarray  # (n_cells, 4), areas times middles, and areas, of the faces of each cell
-    pyramid: np.ndarray | None = None  # int (n_faces,), pyramid that each is of, ascending; None where each has its own
+    sums: np.ndarray  # (n_cells, 4), areas times centres, and areas, of the faces of each cell
+    pyramid: np.ndarray | None = None  # int (n_faces,), pyramid of each, ascending; None if each has its own
 
     @classmethod
     def of(
@@ -42,7 +42,7 @@ class Pyramids(OneLine):
         n_cells: int,
         pyramid: np.ndarray | None = None,
     ) -> Pyramids:
-        """Find the middles of cells."""
+        """Find the centres of cells."""
         points, sums = np.ascontiguousarray(points), np.zeros((n_cells, 4))
         _add_middles(points, faces, cells, sums)
         return cls(points, faces, cells, sums, pyramid)
@@ -54,7 +54,7 @@ class Pyramids(OneLine):
 
     @property
     def of_cells(self) -> np.ndarray:
-        """Sum and least of the volumes of the pyramids of each cell (m^3), shape (n_cells, 2)."""
+        """Sum and smallest of the volumes of the pyramids of each cell (m^3), shape (n_cells, 2)."""
         cells, volumes = self.cells, self.volumes
         if self.pyramid is not None:
             cells = np.empty_like(cells, shape=len(volumes))
@@ -81,7 +81,7 @@ class Pyramids(OneLine):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _corners(faces, f):
-    """Corners of a face without one that is there twice, and the weight of the last: zero of a triangle."""
+    """Corners of a face without a repeated one, and the weight of the last: zero for a triangle."""
     a, b, c, d = faces[f, 0], faces[f, 1], faces[f, 2], faces[f, 3]
     if a == b:
         return a, c, d, d, 0.0
@@ -90,7 +90,7 @@ def _corners(faces, f):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def middle_and_area(x, faces, f):
-    """Middle and area vector of a face."""
+    """Centre and area vector of a face."""
     p, q, r, s, last = _corners(faces, f)
     part = 1.0 / (3.0 + last)
     m0 = part * (x[p, 0] + x[q, 0] + x[r, 0] + last * x[s, 0])
@@ -103,7 +103,7 @@ def middle_and_area(x, faces, f):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _face_jvp(x, dx, faces, f):
-    """Change of the middle and of the area vector of a face."""
+    """Change of the centre and of the area vector of a face."""
     p, q, r, s, last = _corners(faces, f)
     part = 1.0 / (3.0 + last)
     m0 = part * (dx[p, 0] + dx[q, 0] + dx[r, 0] + last * dx[s, 0])
@@ -121,13 +121,13 @@ def _face_jvp(x, dx, faces, f):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _area(sums):
-    """Area of the faces of a cell; a little where it has shrunk to a point."""
+    """Area of the faces of a cell; a small number if it has shrunk to a point."""
     return max(sums, 1e-300)
 
 
 @njit(cache=True, error_model="numpy")
 def _add_middles(x, faces, cells, sums):
-    """Sum areas times middles, and areas, of the faces of every cell, shape (n_cells, 4)."""
+    """Sum areas times centres, and areas, of the faces of every cell, shape (n_cells, 4)."""
     for f in range(len(faces)):
         m0, m1, m2, a0, a1, a2 = middle_and_area(x, faces, f)
         area, at = np.sqrt(a0 * a0 + a1 * a1 + a2 * a2), cells[f]
@@ -195,7 +195,7 @@ def _volumes_jvp(x, dx, faces, cells, sums, d_sums):
 
 @njit(cache=True, error_model="numpy")
 def _add_vjp(x, faces, cells, sums, bar, x_bar):
-    """Add the adjoint of the nodes from that of the volumes: first that of the middles of cells, then of the faces."""
+    """Add the adjoint of the nodes from the volumes: first through the centres of cells, then through the faces."""
     middles_bar = np.zeros((len(sums), 3))
     for f in range(len(faces)):
         _, _, _, a0, a1, a2 = middle_and_area(x, faces, f)

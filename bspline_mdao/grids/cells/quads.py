@@ -2,7 +2,7 @@
 
 Corners are numbered around the quad::
 
-    3-----2      x(s, t) with s from corner 0 to 1 and t from corner 0 to 3; the normal is that of s x t
+        3-----2      x(s, t) with s from corner 0 to 1 and t from corner 0 to 3; the normal is along s x t
     |     |
     0-----1
 
@@ -28,7 +28,7 @@ def area_vectors_jvp(corners: np.ndarray, d_corners: np.ndarray) -> np.ndarray:
 
 
 def area_vectors_vjp(corners: np.ndarray, bar: np.ndarray) -> np.ndarray:
-    """Adjoint of the corners, shape (n, 4, 3), from that of the area vectors, shape (n, 3)."""
+    """Adjoint of the corners, shape (n, 4, 3), from the adjoint of the area vectors, shape (n, 3)."""
     p, q = _diagonals(corners)
     first, second = 0.5 * np.cross(q, bar), 0.5 * np.cross(bar, p)
     return np.stack([-first, -second, first, second], axis=1)
@@ -37,14 +37,11 @@ def area_vectors_vjp(corners: np.ndarray, bar: np.ndarray) -> np.ndarray:
 def add_to_nodes(quads: np.ndarray, bar: np.ndarray, n_points: int) -> np.ndarray:
     """Sum vectors of the corners, shape (n, 4, 3), of quads, shape (n, 4), at the nodes: shape (n_points, 3)."""
     sums = [np.bincount(quads.ravel(), part.ravel(), n_points) for part in np.moveaxis(bar, -1, 0)]
-    return np.stack(sums, axis=-1).astype(float, copy=False)  # NumPy counts nothing in integers
+    return np.stack(sums, axis=-1).astype(float, copy=False)  # NumPy returns integers if there is nothing to count
 
 
 def rings(quads: np.ndarray) -> np.ndarray:
-    """Corners around each quad, shape (n, 4), and back to the first, one after the other: -1 between them.
-
-    Corners that are there twice, as in triangles, are there once.
-    """
+    """Closed rings of corners around each quad, shape (n, 4), in sequence, with -1 between them; repeated ones once."""
     around = np.column_stack([quads[:, [0, 1, 2, 3, 0]], np.full(len(quads), -1)])
     is_new = np.column_stack([np.ones(len(quads), dtype=bool), around[:, 1:] != around[:, :-1]])
     return around[is_new]

@@ -1,7 +1,7 @@
 """Reports on a grid for people: extremes, a distribution of Q, inverted cells by name.
 
-Where processes hold pieces of the grid, all of them call these functions and get the same report, to the last bit that
-of one process.
+If processes hold pieces of the grid, all of them call these functions and get the same report, bitwise equal to the
+report of one process.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -54,7 +54,7 @@ class Distribution:
 
     edges: np.ndarray  # (n_bins + 1,), ends of the bins
     density: np.ndarray  # (n_bins,), fraction of the cells divided by the width of the bin; integrates to one
-    # cells with Q < 0, which have no bin and are not part of the density, and cells whose Q is no number
+    # cells with Q < 0, which have no bin and are not part of the density, and cells whose Q is NaN
     n_negative: int
 
 
@@ -92,7 +92,7 @@ class WorstCell(NamedCell):
     corner: float
     q: float
     place: tuple[float, ...]  # middle of the cell (m)
-    patch: str  # patch that the cell is at, a wall before others; empty where it is at none
+    patch: str  # patch of the cell, a wall before others; empty if there is none
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ class QualityReport(InNotebook):
     n_inverted: int  # cells with a corner that is folded or flat
     inverted: tuple[InvertedCell, ...]  # the worst of them
     histogram: Distribution  # distribution of Q
-    heights: tuple[PatchHeights, ...] = ()  # heights of the first cells at every wall, beside those of the baseline
-    # the cells with the smallest corners, the worst first, also where none is inverted
+    heights: tuple[PatchHeights, ...] = ()  # heights of the first cells at every wall, compared with the baseline
+    # the cells with the smallest corners, the worst first, even if none is inverted
     worst: tuple[WorstCell, ...] = ()
 
     def __repr__(self) -> str:
@@ -122,7 +122,7 @@ class QualityReport(InNotebook):
 
 
 def distribution(
-    q: np.ndarray,  # Q of every cell. What exceeds 1 by rounding counts as 1
+    q: np.ndarray,  # Q of every cell; what exceeds 1 by rounding counts as 1
     n_bins: int = 50,  # number of bins
 ) -> Distribution:
     """Distribute Q over uniform bins on [0, 1].
@@ -154,7 +154,7 @@ def _distribution(counts: np.ndarray, n_negative: int) -> Distribution:
 
 
 class _Summary(NamedTuple):
-    """What the cells of a process add to the report; ``q_sum`` in units of 2**-60, ``least`` of the four measures."""
+    """Contribution of a process's cells to the report; ``q_sum`` in units of 2**-60, ``least`` of four measures."""
 
     n_cells: int
     q_sum: float
@@ -165,14 +165,14 @@ class _Summary(NamedTuple):
 
     @classmethod
     def of(cls, cells: CellQuality, n_bins: int) -> _Summary:
-        """Sum up the cells of a block."""
+        """Summarise the cells of a block."""
         measures = cells.q, cells.min_corner, cells.min_jacobian, cells.volume
         least, n_inverted = np.array([values.min() for values in measures]), int(np.count_nonzero(~cells.is_valid))
         return cls(cells.q.size, _exact_sum(cells.q), least, n_inverted, *_counts(cells.q.ravel(), n_bins))
 
     @classmethod
     def join(cls, parts: Sequence[_Summary], n_bins: int) -> _Summary:
-        """Sum up parts of a grid, of which there may be none."""
+        """Join the summaries of parts of a grid, of which there may be none."""
         n_cells, q_sum, _, n_inverted, _, n_negative = (sum(column) for column in zip(*parts)) if parts else [0] * 6
         least = np.min([np.full(4, np.inf), *(part.least for part in parts)], axis=0)
         counts = np.sum([np.zeros(n_bins, dtype=int), *(part.counts for part in parts)], axis=0)
@@ -180,7 +180,7 @@ class _Summary(NamedTuple):
 
 
 def _exact_sum(q: np.ndarray) -> int | float:
-    """Sum of numbers of size 1, in whole units of 2**-60: the same in any order. NaN if one of them is none."""
+    """Sum of numbers of size 1, in whole units of 2**-60: the same in any order. NaN if one of them is NaN."""
     if np.isnan(q).any():
         return np.nan
     high = np.rint(q * 2.0**30)
@@ -245,9 +245,9 @@ def report_quality(quality: GridQuality, nodes: np.ndarray, n_bins: int = 50) ->
 
 
 class CellsAfterMove(NamedTuple):
-    """What a move made of the cells of a grid."""
+    """Changes of the cells of a grid in a move."""
 
-    n_inverted: int  # cells that were valid on the baseline and are not now
+    n_inverted: int  # cells that were valid on the baseline and are inverted now
     q_min: float  # smallest Q of the cells that were valid on the baseline
     q_mean: float  # mean Q of all cells
 
@@ -265,7 +265,7 @@ def judge_move(quality: GridQuality, nodes: np.ndarray) -> CellsAfterMove:
     Returns
     -------
     CellsAfterMove
-        ``n_inverted``, those that were valid and are not now, their ``q_min``, and ``q_mean`` of all.
+        ``n_inverted``, the cells that were valid and are not now, ``q_min`` of the valid ones, and ``q_mean`` of all.
 
     Examples
     --------
@@ -302,7 +302,7 @@ def inverted_cells(
 
 
 def patches_of(cells: Iterable[InvertedCell]) -> tuple[str, ...]:
-    """Patches on which inverted cells have faces, those of the most cells first.
+    """Patches on which inverted cells have faces, ordered by the number of cells.
 
     Examples
     --------
@@ -313,7 +313,7 @@ def patches_of(cells: Iterable[InvertedCell]) -> tuple[str, ...]:
 
 
 def _worst(block: BlockCells, measures: CellQuality, newly: bool, pieces: Pieces) -> list[tuple]:
-    """Worst inverted cells of a block, each with what sorts it: its corner measure, its block and its number there."""
+    """Worst inverted cells of a block, each with its sort key: its corner measure, its block and its number there."""
     ids = np.flatnonzero(~measures.is_valid)
     if newly:
         ids = np.setdiff1d(ids, block.was_invalid, assume_unique=True)
@@ -328,11 +328,11 @@ def _worst(block: BlockCells, measures: CellQuality, newly: bool, pieces: Pieces
 
 
 def _lowest(block: BlockCells, measures: CellQuality, nodes: np.ndarray, pieces: Pieces) -> list[tuple]:
-    """Cells of a block with the smallest corners, each with what sorts it, as `_worst`."""
+    """Cells of a block with the smallest corners, each with its sort key, as in `_worst`."""
     corners = np.where(np.isnan(measures.min_corner), -np.inf, measures.min_corner).ravel()
     n = min(MOST_WORST, corners.size)
     limit = np.partition(corners, n - 1)[n - 1]
-    # of those that are alike the first ones, whoever holds them
+    # in case of ties the first ones, whichever process holds them
     ids = np.append(np.flatnonzero(corners < limit), np.flatnonzero(corners == limit)[:n])
     x, found = block.nodes_of(nodes), []
     for cell in ids[np.argsort(corners[ids], kind="stable")][:MOST_WORST]:
@@ -347,7 +347,7 @@ def _lowest(block: BlockCells, measures: CellQuality, nodes: np.ndarray, pieces:
 
 
 def _patch_of(cell: tuple[int, ...], block: int, pieces: Pieces) -> str:
-    """Patch that a cell of a block is at, the most important one; empty where it is at none."""
+    """Patch of a cell of a block, the most important one; empty if there is none."""
     at: dict[str, str] = {}
     for patch in _patches_at(cell, block, pieces):
         at.setdefault(patch.kind, patch.name)
@@ -355,7 +355,7 @@ def _patch_of(cell: tuple[int, ...], block: int, pieces: Pieces) -> str:
 
 
 def _patches_at(cell: tuple[int, ...], block: int, pieces: Pieces) -> Iterator[Patch]:
-    """Patches on which a cell of a block has a face; one that is on two windows of a patch gives it twice."""
+    """Patches on which a cell of a block has a face; a patch with two windows there is given twice."""
     for patch in pieces.patches:
         for window in (window for window in patch.windows if window.block == block):
             ends = zip(cell, window.lo, window.hi, pieces.shapes[block])

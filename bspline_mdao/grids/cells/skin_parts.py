@@ -1,4 +1,4 @@
-"""Markers for meshes whose files have none: plane sides of the mesh, and the connected parts of the rest of its skin.
+"""Markers for meshes without any: planar sides of the mesh, and the connected parts of the rest of its boundary.
 
 Theory: ``docs/theory/grid_files.rst``.
 """
@@ -16,11 +16,11 @@ from .mixed_cells import MixedMesh
 __all__ = ["with_markers"]
 
 AT_END = 1e-6
-"""Part of the size of a mesh by which nodes of a plane side may be off its box: files of single precision round so."""
+"""Distance of the nodes of a planar side from its box, relative to the size of a mesh: rounding of single precision."""
 
 
 def with_markers(mesh: MixedMesh) -> MixedMesh:
-    """Add markers to a mesh without them, such as from a VTK file.
+    """Add markers to a mesh without any, such as from a VTK file.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ def with_markers(mesh: MixedMesh) -> MixedMesh:
     Returns
     -------
     MixedMesh
-        The mesh itself if it has markers. Otherwise with markers ``x_min``, ``x_max`` and so on, of the faces of its
-        boundary that lie in the sides of its box, and ``part_1`` and so on, of the connected parts of the others, the
+        The mesh itself if it has markers. Otherwise the mesh with markers ``x_min``, ``x_max`` and so on for the
+        boundary faces in the sides of its box, and ``part_1`` and so on for the connected parts of the other faces, the
         largest first.
 
     Examples

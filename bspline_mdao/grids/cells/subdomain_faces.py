@@ -1,11 +1,11 @@
-"""The faces of the cells that one process holds, and the cells and nodes of others that they see.
+"""The faces of the cells of one process, and the cells and nodes of other processes that they need.
 
-The residual of a cell needs the fluxes through its faces, and a flux the two cells on each side along the grid line
-through the face. So the halo is two cells deep, across the sides of the pieces alone; none of its faces but those to
-own cells are there, and all nodes of these are nodes of own cells.
+The residual of a cell needs the fluxes through its faces, and a flux needs the two cells on each side along the grid
+line through the face. So the halo is two cells deep, across the sides of the pieces only. It contains no faces except
+the faces of own cells, and all nodes of these are nodes of own cells.
 
-What lies along a line is found from the indices of cells and from the interfaces of the blocks about, so that no list
-is as long as the grid.
+Neighbours along a line are found from the indices of cells and from the interfaces of nearby blocks, so no list is as
+long as the grid.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -37,11 +37,11 @@ def faces_of_subdomain(
     topology: Topology,  # how the blocks of the grid are joined
     partition: Partition,  # who has which cells
     comm: Any,  # communicator, the processes
-    nodes: np.ndarray,  # (n_nodes of the subdomain, 3), baseline nodes (m), which tell the handedness of each block
+    nodes: np.ndarray,  # (n_nodes of the subdomain, 3), baseline nodes (m), which give the handedness of blocks
 ) -> tuple[CellFaces, Halo, Halo]:
     """List the faces of the cells of one process: all processes call it together."""
-    # `InputError` if a block has no cells, or its cells have no volume in sum
-    # returns faces: numbers of its cells, and from there on those of others; corners are nodes and, from there on,
+    # `InputError` if a block has no cells, or the sum of its cell volumes is zero
+    # returns faces: cell numbers are own cells first, then those of other processes; corner numbers are nodes, then
     # those of others
     # returns cells, corners: exchange of cells and of nodes
     subdomain = _SubdomainCells.of(topology, partition, comm, nodes)
@@ -75,7 +75,7 @@ def faces_of_subdomain(
 
 
 def _places(comm: Any, holders: Ownership, n_owned: int, lists: Sequence[np.ndarray]) -> tuple[Halo, list[np.ndarray]]:
-    """Exchange of all entries of some lists of numbers of the grid, and the lists with the places of these."""
+    """Exchange of all entries of some lists of numbers of the grid, and the lists with local places in their stead."""
     layout = BlockLayout.of(map(np.shape, lists))
     numbers = layout.join(lists)
     wanted, which = np.unique(numbers, return_inverse=True)
@@ -123,7 +123,7 @@ class _SubdomainCells:
             yield from self._block(piece).inner()
 
     def cut_planes(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """Faces on the sides of the pieces that lie within their blocks, those between two own pieces once."""
+        """Faces on the sides of the pieces that lie within their blocks; faces between two own pieces once."""
         for piece in self.local:
             block, shape = self._block(piece), self.topology.shapes[piece.block]
             for d in range(3):
@@ -154,7 +154,7 @@ class _SubdomainCells:
 
     def boundary(self, start: int) -> tuple:
         """Corners, cells and slots of the boundary faces of own cells patch after patch, their numbers, the patches."""
-        # Numbers are those among the boundary faces of the grid, of all processes.
+        # Numbers are among the boundary faces of the grid, of all processes.
         blocks, windows = {piece.block for piece in self.local}, self.topology.boundary
         names = dict.fromkeys((face.patch or "unassigned", face.kind) for face in windows)
         parts, patches, n_before = [(np.zeros((0, 4), int), *(np.zeros(0, int) for _ in range(3)))], [], 0
@@ -184,7 +184,7 @@ class _SubdomainCells:
         return self._block(layer).window(inside)
 
     def _block(self, window: Window) -> _Block:
-        """Rows and cells of a window as those of a block; shared nodes have one row."""
+        """Rows and cells of a window in the form of a block; shared nodes have one row."""
         subdomain = Subdomain.of_windows(self.topology.shapes, [window])
         (cells,) = BlockLayout.of(subdomain.shapes).cells.split(subdomain.cells)
         rows = source_rows(self.copies, subdomain.rows).reshape(window.shape)
@@ -200,7 +200,7 @@ def _layer(window: Window) -> Window:
 
 
 def _handedness(topology: Topology, pieces: Sequence[Window], comm: Any, nodes: np.ndarray) -> np.ndarray:
-    """Whether the index space of each block is right-handed, of the sum over the pieces that processes hold."""
+    """Whether the index space of each block is right-handed, from the sum over the pieces that processes hold."""
     volumes = np.zeros(len(topology.shapes))
     for number, shape in enumerate(topology.shapes, start=1):
         if min(shape) < 2:
@@ -214,7 +214,7 @@ def _handedness(topology: Topology, pieces: Sequence[Window], comm: Any, nodes: 
 
 
 def _strides(shape: Sequence[int]) -> tuple[int, int, int]:
-    """Steps of the numbers of cells of a block, of a given number of nodes, in each direction."""
+    """Strides of the cell numbers of a block, with a given number of nodes, in each direction."""
     return (shape[1] - 1) * (shape[2] - 1), shape[2] - 1, 1
 
 
@@ -229,7 +229,7 @@ class _IndexLines:
 
     @classmethod
     def of(cls, topology: Topology, blocks: set[int]) -> _IndexLines:
-        """Tabulate the interfaces of some blocks and of the two rings of blocks about them."""
+        """Tabulate the interfaces of some blocks and of the two rings of blocks around them."""
         for _ in range(2):
             ends = [{interface.a.block, interface.b.block} for interface in topology.interfaces]
             blocks = blocks.union(*(pair for pair in ends if pair & blocks))

@@ -1,7 +1,7 @@
-"""How the first cells at every wall have kept their heights.
+"""Change of the heights of the first cells at every wall.
 
-Where processes hold pieces of the grid, all of them call these functions and get the same report, to the last bit that
-of one process.
+If processes hold pieces of the grid, all of them call these functions and get the same report, bitwise equal to the
+report of one process.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -19,7 +19,7 @@ from .first_cells import FirstCells, WallNode
 __all__ = ["KEPT", "PatchHeights", "report_heights"]
 
 KEPT = (0.9, 1.1)
-"""Ratios of heights within which users of turbulence models take y+, which is in proportion, for unchanged."""
+"""Ratios of heights within which users of turbulence models consider y+, which is proportional, unchanged."""
 
 
 @dataclass(frozen=True)
@@ -27,21 +27,21 @@ class PatchHeights:
     """Heights of the first cells at one wall."""
 
     patch: str  # the wall
-    # nodes that have a height on the baseline, and those that have none
+    # nodes that have a height on the baseline, and nodes that have none
     n_nodes: int
     n_left_out: int
     # heights (m)
     height_min: float
     height_median: float
     height_max: float
-    # heights divided by those of the baseline: smallest, 1 %, median, 99 % and largest
+    # heights relative to the baseline: smallest, 1 %, median, 99 % and largest
     ratio_min: float
     ratio_p01: float
     ratio_median: float
     ratio_p99: float
     ratio_max: float
     n_off: int  # nodes whose ratio is not within `KEPT`
-    # where the ratio is smallest and largest
+    # places of the smallest and largest ratio
     lowest: WallNode
     highest: WallNode
 
@@ -52,7 +52,7 @@ class PatchHeights:
 
     @property
     def worst(self) -> tuple[float, WallNode]:
-        """The ratio that is farthest from 1, as a factor, and where it is."""
+        """The ratio farthest from 1, as a factor, and its place."""
         is_low = self.ratio_min * self.ratio_max < 1.0 or self.ratio_min <= 0.0
         return (self.ratio_min, self.lowest) if is_low else (self.ratio_max, self.highest)
 

@@ -1,4 +1,4 @@
-"""Spacings at the walls of a grid, as a user of turbulence models looks at them: heights, growth, aspect ratios, y+.
+"""Spacings at the walls of a grid, as needed for turbulence models: heights, growth, aspect ratios, y+.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -18,7 +18,7 @@ __all__ = ["WallSpacing", "flat_plate_y_plus", "wall_spacings"]
 
 @dataclass(frozen=True)
 class WallSpacing:
-    """Spacings at one wall, as a user of turbulence models looks at them."""
+    """Spacings at one wall, as needed for turbulence models."""
 
     patch: str  # the wall
     n_nodes: int  # nodes that have a height
@@ -26,10 +26,10 @@ class WallSpacing:
     height_min: float
     height_median: float
     height_max: float
-    # lengths of the second cells off the wall over those of the first; not a number where no block has second ones
+    # lengths of the second cells off the wall relative to the first; NaN if no block has second cells
     growth_median: float
     growth_max: float
-    # longest edges in the wall at a node over the height there; those across a grid that is one cell deep do not count
+    # longest edges in the wall at a node relative to the height there, without edges across a grid one cell deep
     aspect_median: float
     aspect_max: float
     extents: tuple[float, float, float]  # sides of the wall's box (m), ascending
@@ -37,7 +37,7 @@ class WallSpacing:
 
 def wall_spacings(
     grid: Grid,  # the grid. Its walls are its patches of kind ``"wall"``
-    cells: FirstCells | None = None,  # its first cells, where they are known
+    cells: FirstCells | None = None,  # its first cells, if known
 ) -> tuple[WallSpacing, ...]:  # one for each wall that has heights
     """Measure the spacings at the walls of a grid."""
     cells, nodes = cells or FirstCells.of_baseline(grid), grid.to_vector().reshape(-1, 3)
@@ -83,7 +83,7 @@ def flat_plate_y_plus(
 
 
 def _growth(cells: FirstCells, nodes: np.ndarray) -> np.ndarray:
-    """Length of the second edge off the wall over that of the first, shape (n,); not a number where there is none."""
+    """Length of the second edge off the wall relative to the first, shape (n,); NaN if there is none."""
     rows, next_rows = cells.rows[cells.at], cells.next_rows
     has_second = _nodes_along(cells, rows, next_rows) > 2
     far_rows = np.where(has_second, 2 * next_rows - rows, next_rows)
@@ -92,7 +92,7 @@ def _growth(cells: FirstCells, nodes: np.ndarray) -> np.ndarray:
 
 
 def _longest_edges(cells: FirstCells, nodes: np.ndarray) -> np.ndarray:
-    """Longest edge in the wall at every entry (m), shape (n,), but for those across a grid that is one cell deep."""
+    """Longest edge in the wall at every entry (m), shape (n,), without edges across a grid one cell deep."""
     rows = cells.rows[cells.quads]
     next_rows = np.roll(rows, -1, axis=1)
     lengths = np.linalg.norm(nodes[next_rows] - nodes[rows], axis=2)
@@ -105,7 +105,7 @@ def _longest_edges(cells: FirstCells, nodes: np.ndarray) -> np.ndarray:
 
 
 def _nodes_along(cells: FirstCells, rows: np.ndarray, next_rows: np.ndarray) -> np.ndarray:
-    """Nodes of a block along the direction from a node to its neighbour, of their shape; 0 for no direction."""
+    """Number of nodes of a block along the direction from a node to its neighbour; 0 for no direction."""
     shapes = np.array(cells.pieces.shapes)
     block = cells.pieces.partition.layout.owner(rows)
     strides = np.stack([shapes[:, 1] * shapes[:, 2], shapes[:, 2], np.ones(len(shapes), dtype=int)], axis=1)

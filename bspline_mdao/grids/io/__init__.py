@@ -1,1 +1,1 @@
-"""Grid files: every format that is read or written, and patches declared beside a grid."""
+"""Grid files: all formats that are read or written, and patches declared in files of their own."""

@@ -1,7 +1,7 @@
-"""CGNS files in ADF, the format before HDF5: their tree of nodes, copied into HDF5, which all readers know.
+"""CGNS files in ADF, the format before HDF5: their tree of nodes is copied into HDF5, which all readers know.
 
 A file is a header and nodes that point to each other. Pointers, of 12 bytes, are a block of 4096 bytes and an offset in
-it: hexadecimal digits in files of version A, binary numbers in those of version B::
+it: hexadecimal digits in files of version A, binary numbers in version B::
 
     header   "....ADF Database Version A02011>", dates, "AdF2", byte order, ..., "AdF4", the root, ..., "AdF5"
     node     "NoDe", name, label, number of children, room for them, table of children, type, number of dimensions,
@@ -38,7 +38,7 @@ _ROOT = 134  # place of the pointer to the root node in the header
 _BYTE_ORDER = 100
 _NODE, _TABLE, _CHUNKS, _DATA = b"NoDe", b"SNTb", b"DCtb", b"DaTa"
 _TYPES = {"I4": "i4", "I8": "i8", "U4": "u4", "U8": "u8", "R4": "f4", "R8": "f8", "C1": "i1", "B1": "u1"}
-"""Types of values by their names."""
+"""Types of values by name."""
 
 _MOST_NODES = 10**6
 
@@ -58,7 +58,7 @@ class _Node(NamedTuple):
 
 @dataclass(frozen=True)
 class _File:
-    """Bytes of a file, and how it stores numbers."""
+    """Bytes of a file, and its format of numbers."""
 
     source: str
     data: bytes
@@ -69,13 +69,13 @@ class _File:
         return InputError(f"{self.source}: damaged or incomplete CGNS/ADF file ({what}); write it again")
 
     def piece(self, start: int, length: int, what: str) -> bytes:
-        """So many bytes from a place on."""
+        """The given number of bytes from a place on."""
         if not (start >= 0 and length >= 0 and start + length <= len(self.data)):
             raise self.damaged(f"{what} at byte {start} is beyond the end, at {len(self.data)}")
         return self.data[start : start + length]
 
     def tagged(self, start: int, tag: bytes, length: int) -> bytes:
-        """So many bytes behind a tag, which must be there."""
+        """The given number of bytes after a tag, which must be there."""
         if self.piece(start, 4, "a tag") != tag:
             raise self.damaged(f"no '{tag.decode()}' at byte {start}")
         return self.piece(start + 4, length, tag.decode())
@@ -88,7 +88,7 @@ class _File:
             raise self.damaged(f"'{text.decode('ascii', 'replace')}' is no number") from None
 
     def pointer(self, stored: bytes) -> int:
-        """Place of a pointer, 12 bytes."""
+        """Place referred to by a pointer, 12 bytes."""
         if self.is_binary:
             parts = (stored[:8], "u8"), (stored[8:], "u4")
             block, offset = (int(np.frombuffer(part, self.order + kind)[0]) for part, kind in parts)
@@ -125,7 +125,7 @@ class _File:
             yield self.pointer(table[44 * k + 32 : 44 * k + 44])
 
     def bytes_of(self, node: _Node) -> bytes:
-        """Data of a node, of one piece or of several."""
+        """Data of a node, in one or several pieces."""
         if node.n_chunks == 1:
             starts = [node.data]
         else:
@@ -138,7 +138,7 @@ class _File:
         return b"".join(pieces)
 
     def value(self, node: _Node) -> np.ndarray | None:
-        """Value of a node, the first index of CGNS last; None where it has none."""
+        """Value of a node, the first index of CGNS last; None if it has none."""
         if not node.n_chunks or not node.shape or node.kind not in _TYPES:
             return None
         kind, raw = np.dtype(self.order + _TYPES[node.kind]), self.bytes_of(node)
@@ -151,13 +151,13 @@ class _File:
 
 
 def is_adf(path: str | os.PathLike) -> bool:
-    """Whether a file is in ADF: behind four bytes that are no text, it says so."""
+    """Whether a file is in ADF: it says so after four bytes that are not text."""
     return read_raw(path, 4 + len(ADF))[4:] == ADF
 
 
 @contextmanager
 def opened_cgns(path: str | os.PathLike) -> Iterator[h5py.File]:
-    """Open a CGNS file for reading: in HDF5 as it is, in ADF as a copy in memory."""
+    """Open a CGNS file for reading: HDF5 directly, ADF as a copy in memory."""
     if not is_adf(path):
         with h5py.File(path, "r") as file:
             yield file
@@ -168,7 +168,7 @@ def opened_cgns(path: str | os.PathLike) -> Iterator[h5py.File]:
 
 
 def copied_cgns(path: str | os.PathLike, copy: str | os.PathLike) -> None:
-    """Copy a CGNS file, one in ADF into HDF5."""
+    """Copy a CGNS file; ADF becomes HDF5."""
     if not is_adf(path):
         shutil.copyfile(path, copy)
         return
@@ -181,7 +181,7 @@ def convert_adf(
     data: bytes,  # its content
     file: h5py.File,  # the HDF5 file, empty
 ) -> None:
-    """Copy all nodes of a file in ADF into an HDF5 file, as the CGNS library stores them there."""
+    """Copy all nodes of a file in ADF into an HDF5 file, in the way of the CGNS library."""
     version, order = data[4 + len(ADF) :][:1], data[_BYTE_ORDER : _BYTE_ORDER + 1]
     if version not in (b"A", b"B") or order not in (b"L", b"B"):
         raise InputError(

@@ -17,31 +17,31 @@ from ..topology.index_space import FACE_NAMES, Window
 __all__ = ["BoundaryPlane", "find_planes"]
 
 PLANAR = 1e-5
-"""Nodes are in a plane when they are off it by less than this part of the radius of the grid."""
+"""Nodes are in a plane if they are off it by less than this fraction of the radius of the grid."""
 
 SAME = 1e-3
-"""Planes are parallel when their normals differ by less than this (rad)."""
+"""Planes are parallel if their normals differ by less than this (rad)."""
 
 OBLIQUE = 0.35
-"""A surface ends in a plane at a right angle where the sine of what it is off is less than this, in the median: 20 deg,
+"""A surface ends in a plane at a right angle if the sine of its deviation is less than this, in the median: 20 deg,
 more than the dihedral of most wings."""
 
 DEEP = 8
-"""Angles are measured over this part of the lines of a surface: first cells in numbers of 4 bytes have no direction."""
+"""Angles are measured over this fraction of the lines of a surface: first cells in 4-byte reals have no direction."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoundaryPlane:
     """A plane, and the windows of the boundary in it."""
 
-    normal: np.ndarray  # (3,), its unit normal, to the side on which the grid is, or reaches further
+    normal: np.ndarray  # (3,), its unit normal, to the side on which the grid lies, or extends farther
     offset: float  # product of the normal and its points (m)
     windows: tuple[Window, ...]  # windows in it, in the order of the boundary
-    is_rim: bool  # whether the whole grid is on that side
+    is_rim: bool  # whether the whole grid is on this side
     tolerance: float  # nodes nearer than this are in it (m)
 
     def opposes(self, other: BoundaryPlane) -> bool:
-        """Whether another plane is parallel to it, and looks at it."""
+        """Whether another plane is parallel to it, and faces it."""
         return bool(lengths(self.normal + other.normal) < SAME)
 
     def edges(self, grid: Grid, window: Window) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -57,11 +57,11 @@ class BoundaryPlane:
                 yield lines[0], np.abs(dots(across[size > 0.0], self.normal)) / size[size > 0.0]
 
     def ends(self, grid: Grid, windows: Sequence[Window]) -> bool:
-        """Whether one of these of the other windows ends in the plane."""
+        """Whether one of these other windows ends in the plane."""
         return any(True for window in windows if window not in self.windows for _ in self.edges(grid, window))
 
     def ends_normally(self, grid: Grid, windows: Sequence[Window], is_curved: bool = False) -> bool:
-        """Whether these of the other windows end in it at a right angle, and, if asked, along a line that is curved."""
+        """Whether these other windows end in it at a right angle, and, if requested, along a curved line."""
         found = [edge for window in windows if window not in self.windows for edge in self.edges(grid, window)]
         if not found or (is_curved and is_line(np.concatenate([nodes for nodes, _ in found]))):
             return False
@@ -112,7 +112,7 @@ def _block_faces(grid: Grid) -> Iterator[np.ndarray]:
 
 
 def _extent(nodes: np.ndarray) -> float:
-    """How far nodes reach from their mean (m)."""
+    """Largest distance of nodes from their mean (m)."""
     return float(lengths(nodes - nodes.mean(axis=0)).max())
 
 

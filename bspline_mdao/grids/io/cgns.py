@@ -60,10 +60,10 @@ _Zone = tuple[str, h5py.Group, h5py.Group]
 
 @dataclass(frozen=True)
 class CgnsDialect:
-    """Origin of a CGNS grid: its file, and what of it was not taken over."""
+    """Origin of a CGNS grid: its file, and what was not read from it."""
 
-    path: str  # absolute path of the file; writing back starts from a copy of it
-    # boundary conditions that could not be taken over as patches, and connections that fit no zone, one line each
+    path: str  # absolute path of the file; writing starts from a copy of it
+    # boundary conditions that are no patches, and connections that fit no zone, one line each
     ignored: tuple[str, ...] = ()
 
     def __str__(self) -> str:
@@ -75,13 +75,13 @@ def read_cgns(
     path: str | os.PathLike,  # the file
 ) -> Grid:  # its ``dialect`` is a `CgnsDialect`
     """Read the structured zones of a CGNS file, in HDF5 or ADF."""
-    # Zones come in the order of creation where the file keeps it, as in the CGNS library, and in the natural order of
-    # their names (``Zone 9`` before ``Zone 10``) elsewhere. With more than one base the names are ``base/zone``; bases
-    # of a lower cell dimension than the highest (surfaces of a volume grid) are left out, which the dialect says.
-    # Boundary conditions become patches, named after their family where they have one, by its path where it is in
-    # another; their kind is that of the condition or, where it says nothing, of the name. One-to-one connections become
-    # those of the grid, periodic ones its pairs of sides; faces of overset connections become a patch, and their points
-    # and holes the blanking. Linked nodes are followed.
+    # Zones come in the order of creation if the file keeps it, as in the CGNS library, and otherwise in the natural
+    # order of their names (``Zone 9`` before ``Zone 10``). With more than one base the names are ``base/zone``; bases
+    # of a lower cell dimension than the highest (surfaces of a volume grid) are left out, and the dialect says so.
+    # Boundary conditions become patches, named after their family if they have one, by its path if it is in another;
+    # their kind is the kind of the condition or, if it says nothing, of the name. One-to-one connections become
+    # connections of the grid, periodic ones its pairs of sides; faces of overset connections become a patch, and their
+    # points and holes the blanking. Linked nodes are followed. and holes the blanking. Linked nodes are followed.
     stored = open_cgns(path)
     with _opened(stored.source) as file:
         zones = _find_zones(file, stored.source)
@@ -95,7 +95,7 @@ def read_cgns(
 
 def open_cgns(
     path: str | os.PathLike,  # the file
-) -> StoredGrid:  # as `read_cgns` gives it
+) -> StoredGrid:  # with the contents of `read_cgns`
     """Open a CGNS file, to read its zones, or windows of them, later."""
     source = str(path)
     with _opened(source) as file:
@@ -120,7 +120,7 @@ def open_cgns(
 
 @contextmanager
 def _opened(source: str) -> Iterator[h5py.File]:
-    """Open a file for reading; whatever is wrong with it is an `InputError`."""
+    """Open a file for reading; any error becomes an `InputError`."""
     with deferred_interrupts(), damaged_is_input_error(source), opened_cgns(source) as file:
         yield file
 
@@ -139,7 +139,7 @@ def _read_part(source: str, number: int, name: str, window: Window | None) -> Bl
 
 
 def _read_block(zones: Sequence[_Zone], number: int, source: str, window: Window | None = None) -> Block:
-    """Read the nodes of a zone, or of a window of it, and their blanking, where the file has some."""
+    """Read the nodes of a zone, or of a window of it, and their blanking, if the file has some."""
     name, base, zone = zones[number]
     shape = _zone_shape(zone, name, source)
     blanking = blanking_of(zone, [each for each, _, _ in zones], number, shape)
@@ -184,7 +184,7 @@ def _find_zones(file: h5py.File, source: str) -> list[_Zone]:
 
 
 def _bases_left_out(file: h5py.File) -> tuple[str, ...]:
-    """Say which bases with zones are not read, since another one has cells of more dimensions."""
+    """Say which bases with zones are not read, because another one has cells of more dimensions."""
     bases = [(name, int(value(base)[0]), children(base, "Zone_t")) for name, base in children(file, "CGNSBase_t")]
     most = max(dimensions for _, dimensions, _ in bases)
     return tuple(
@@ -196,7 +196,7 @@ def _bases_left_out(file: h5py.File) -> tuple[str, ...]:
 
 
 def _of_hexahedra(zone: h5py.Group) -> str:
-    """Say how many hexahedra an unstructured zone has, and of which degree, where they are those that we write."""
+    """Give the number and degree of the hexahedra of an unstructured zone, if they are in our own format."""
     found = []
     for _, section in children(zone, "Elements_t"):
         kind, ends = int(value(section)[0]), first_child(section, "IndexRange_t")
@@ -209,7 +209,7 @@ def _of_hexahedra(zone: h5py.Group) -> str:
 
 
 def _checked_shape(base: h5py.Group, zone: h5py.Group, name: str, source: str) -> tuple[int, int, int]:
-    """Node counts of a zone whose coordinates are there, of that shape, and reals."""
+    """Node counts of a zone whose coordinates exist, have that shape, and are reals."""
     shape = _zone_shape(zone, name, source)
     for axis, node in enumerate(_coordinates(zone, int(value(base)[1]), name, source)):
         data = node[" data"]
@@ -229,17 +229,17 @@ def _read_nodes(base: h5py.Group, zone: h5py.Group, name: str, source: str, wind
     for axis, node in enumerate(_coordinates(zone, int(value(base)[1]), name, source)):
         data = node[" data"]
         array = data[slices[: data.ndim][::-1]]
-        with np.errstate(invalid="ignore"):  # a NaN is named later
+        with np.errstate(invalid="ignore"):  # a NaN is reported later
             nodes[..., axis] = array.T.reshape(nodes.shape[:3])
     return nodes
 
 
 def _zone_shape(zone: h5py.Group, name: str, source: str) -> tuple[int, int, int]:
-    """Node counts of a zone, 1 in directions that it does not have."""
+    """Node counts of a zone, 1 in missing directions."""
     sizes = np.asarray(value(zone))
     if sizes.ndim != 2 or sizes.shape[0] != 3 or not 1 <= sizes.shape[1] <= 3 or sizes[0].min() < 1:
         raise InputError(f"{source}: zone '{name}' has no node counts of a structured zone; write it again")
-    # only arrays that are really in the file are as large as this, so that nothing is reserved for a damaged count
+    # only arrays that are in the file can be this large, so nothing is reserved for a damaged count
     n_stored = sum(node[" data"].size for _, node in children(_grid_coordinates(zone), "DataArray_t"))
     if float(np.prod(sizes[0].astype(float))) > n_stored:
         raise InputError(f"{source}: zone '{name}' announces {sizes[0].tolist()} nodes and holds fewer; write it again")
@@ -247,7 +247,7 @@ def _zone_shape(zone: h5py.Group, name: str, source: str) -> tuple[int, int, int
 
 
 def _grid_coordinates(zone: h5py.Group) -> h5py.Group:
-    """Give the original grid: the node named GridCoordinates, or the first of its kind."""
+    """Return the original grid: the node named GridCoordinates, or the first of its kind."""
     found = children(zone, "GridCoordinates_t")
     if not found:
         raise KeyError(f"zone {zone.name} has no coordinates")
@@ -264,17 +264,17 @@ def _coordinates(zone: h5py.Group, n_axes: int, name: str, source: str) -> list[
 
 
 def write_cgns(
-    path: str | os.PathLike,  # the file to make or replace
+    path: str | os.PathLike,  # the file to create or replace
     grid: Grid,  # the grid
-    # how its blocks are joined, found from its nodes by default. Give that of the baseline for a grid that was moved.
+    # topology, found from its nodes by default; pass the baseline's for a moved grid
     topology: Topology | None = None,
 ) -> None:
     """Write a CGNS/HDF5 file, whole or not at all."""
     # A grid read from CGNS is written as a copy of its file with new coordinates, and with the one-to-one connections
-    # that the file lacks: everything else in the file stays, in HDF5 also where it was in ADF. Links in it are replaced
-    # by what they stand for, so that no other file is touched. Any other grid makes a new file with one base, a zone
-    # for every block, its patches as families, its interfaces as one-to-one connections and collapsed faces as
-    # degenerate boundary conditions.
+    # that the file lacks: everything else stays, converted to HDF5 if it was in ADF. Links are replaced by their
+    # targets, so no other file is changed. Any other grid makes a new file with one base, a zone for every block, its
+    # patches as families, its interfaces as one-to-one connections and collapsed faces as degenerate boundary
+    # conditions.
     fault = find_fault(grid.blocks)
     if fault:
         raise InputError(f"{grid.source}: {fault}; nothing was written")
@@ -283,7 +283,7 @@ def write_cgns(
 
 
 def _write_copy(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
-    """Write a copy of the file that a grid was read from, with its nodes."""
+    """Write a copy of the file from which a grid was read, with its nodes."""
     source = grid.dialect.path
     if not os.path.isfile(source):
         raise InputError(f"{source}: is gone; it is needed to write the grid back as CGNS with all that it contained")
@@ -293,7 +293,7 @@ def _write_copy(path: str | os.PathLike, grid: Grid, topology: Topology) -> None
 
 
 def _replace_coordinates(path: Path, source: str, grid: Grid, topology: Topology) -> None:
-    """Put the nodes of a grid into a copy of the file that it was read from, and add the connections that it lacks."""
+    """Put the nodes of a grid into a copy of its file, and add the connections that it lacks."""
     with h5py.File(path, "r+") as file, opened_cgns(source) as original:
         _resolve_links(file, original)
         zones = _find_zones(file, source)
@@ -316,7 +316,7 @@ def _replace_coordinates(path: Path, source: str, grid: Grid, topology: Topology
 
 
 def _resolve_links(group: h5py.Group, original: h5py.Group) -> None:
-    """Replace links below ``group`` by copies of what they stand for; ``original`` is the same node of the source."""
+    """Replace links below ``group`` by copies of their targets; ``original`` is the same node of the source."""
     for name in list(group):
         if group.get(name, getclass=True) is not h5py.Group:
             continue
@@ -341,7 +341,7 @@ def _write_new(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
 
 
 def write_base(file: h5py.File, n_dimensions: int, unit: str = "") -> h5py.Group:
-    """Write what the CGNS library puts at the root of an HDF5 file, and a base whose cells have 2 or 3 dimensions."""
+    """Write the CGNS library's root of an HDF5 file, and a base whose cells have 2 or 3 dimensions."""
     set_root_attributes(file)
     add_node(file, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([LIBRARY_VERSION], np.float32))
     base = add_node(file, "Base", "CGNSBase_t", np.array([n_dimensions, 3], np.int32))

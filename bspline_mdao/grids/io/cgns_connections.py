@@ -1,8 +1,8 @@
-"""Connections of CGNS zones: which zones they name, and those that are one-to-one.
+"""Connections of CGNS zones: the zones that they name, and one-to-one connections.
 
 A ``GridConnectivity1to1_t`` names the donor zone, the range of nodes on this side (``PointRange``), the range that it
 meets there (``PointRangeDonor``) and the ``Transform``: direction d here is along direction ``|T[d]|`` of the donor,
-backwards where ``T[d]`` is negative (SIDS, section 8.2). Each connection stands in both zones.
+backwards if ``T[d]`` is negative (SIDS, section 8.2). Each connection is stored in both zones.
 
 Format: ``docs/theory/grid_files.rst``.
 """
@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 PERIODIC_TYPE = "Periodic"
-"""What connections with a ``Periodic_t`` are called, beside the types that they have."""
+"""Labels of connections with a ``Periodic_t``, besides their types."""
 
 ONE_TO_ONE = "GridConnectivity1to1_t"
 """Label of one-to-one connections."""
@@ -39,11 +39,11 @@ _TRANSFORM = '"int[IndexDimension]"'
 
 def read_connections(
     zones: Sequence[h5py.Group],  # the zones in block order
-    names: Sequence[str],  # their names, ``base/zone`` where there is more than one base
+    names: Sequence[str],  # their names, ``base/zone`` if there is more than one base
     shapes: Sequence[tuple[int, ...]],  # node counts of the blocks
 ) -> tuple[tuple[Interface, ...], tuple[str, ...]]:
-    """Read the one-to-one connections of all zones, those that are not periodic."""
-    # Returns connections: each once, as the zone that comes first has it; ignored: what could not be understood, and
+    """Read the one-to-one connections of all zones that are not periodic."""
+    # Returns connections: each once, from the zone that comes first; ignored: what could not be understood, and
     # why.
     found: dict[Interface, None] = {}
     ignored: list[str] = []
@@ -68,19 +68,19 @@ def connections_of(zone: h5py.Group, label: str) -> list[tuple[str, h5py.Group]]
 
 
 def periodic_of(node: h5py.Group) -> h5py.Group | None:
-    """Motion that a connection is declared periodic by; None of others."""
+    """Motion by which a connection is declared periodic; None for others."""
     declared = first_child(node, "GridConnectivityProperty_t")
     return None if declared is None else first_child(declared, "Periodic_t")
 
 
 def donor_of(node: h5py.Group, names: Sequence[str], block: int) -> int | None:
-    """Block that a connection of a block names as its donor; None where there is no such zone."""
+    """Block that a connection of a block names as its donor; None if there is no such zone."""
     base, blocks = names[block][: names[block].rfind("/") + 1], {name: number for number, name in enumerate(names)}
     return blocks.get(base + word(node), blocks.get(word(node)))
 
 
 def _parse(node: h5py.Group, block: int, donor: int, shapes: Sequence[tuple[int, ...]]) -> Interface | None:
-    """Connection of a node; None where it does not fit the blocks."""
+    """Connection of a node; None if it does not fit the blocks."""
     ranges = dict(children(node, "IndexRange_t"))
     if not {"PointRange", "PointRangeDonor"} <= ranges.keys():
         return None
@@ -108,7 +108,7 @@ def add_connections(
     zones: Sequence[h5py.Group],  # the zone of every block
     interfaces: Sequence[Interface],  # the interfaces; both sides may lie in one block
 ) -> None:
-    """Write interfaces into the zones on both of their sides."""
+    """Write interfaces into the zones on both sides."""
     sides = [side for interface in interfaces for side in (interface, interface.reverse())]
     for number, side in enumerate(sides, start=1):
         zone, donor = zones[side.a.block], zones[side.b.block]

@@ -1,7 +1,7 @@
 """Curved hexahedra as an unstructured zone of a CGNS/HDF5 file.
 
-Sections of HEXA_8, HEXA_27, HEXA_64 or HEXA_125, then one of QUAD_4, QUAD_9, QUAD_16 or QUAD_25 for every patch, to
-which a boundary condition at face centres refers. Format: ``docs/theory/high_order.rst``.
+Sections of HEXA_8, HEXA_27, HEXA_64 or HEXA_125 come first, then one of QUAD_4, QUAD_9, QUAD_16 or QUAD_25 for every
+patch, to which a boundary condition at face centres refers. Format: ``docs/theory/high_order.rst``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["read_cgns_elements", "write_cgns_elements"]
 
 
 def write_cgns_elements(
-    path: str | os.PathLike,  # the file to make or replace
+    path: str | os.PathLike,  # the file to create or replace
     grid: CurvedGrid,  # the elements
 ) -> None:
     """Write curved hexahedra as CGNS/HDF5, whole or not at all."""
@@ -87,7 +87,7 @@ def _numbers(lattices: np.ndarray, order: np.ndarray) -> np.ndarray:
 
 
 def _add_section(zone: h5py.Group, name: str, kind: int, numbers: np.ndarray, last: int) -> tuple[int, int]:
-    """Write elements of one type behind element ``last``; return the numbers of the first and the last of them."""
+    """Write elements of one type after element ``last``; return the numbers of the first and the last of them."""
     ends = last + 1, last + len(numbers)
     section = add_node(zone, name, "Elements_t", np.array([kind, 0], np.int32))
     add_node(section, "ElementRange", "IndexRange_t", np.array(ends, numbers.dtype))

@@ -1,4 +1,4 @@
-"""Faces of CGNS zones: boundary conditions and the patches that they make.
+"""Faces of CGNS zones: boundary conditions and their patches.
 
 Format: ``docs/theory/grid_files.rst``.
 """
@@ -33,15 +33,15 @@ _TYPE_OF_KIND = {
     "other": "UserDefined",
 }
 POINT_SIZE = 1e-9
-"""A collapsed face smaller than this part of its coordinates is a point: far above their round-off in 8-byte reals."""
+"""A collapsed face smaller than this fraction of its coordinates is a point: far above 8-byte round-off."""
 
 _NO_KIND = "BCGeneral"
-"""Type of a patch of kind other whose name would be taken for another kind."""
+"""Type of a patch of kind other whose name would be mistaken for another kind."""
 
 
 def kind_of(bc_type: str, name: str) -> str:
-    """Patch kind of a CGNS boundary condition; what fluid passes through counts as far field."""
-    # Where the type says nothing, as ICEM writes it, the name of the family or of the condition does.
+    """Patch kind of a CGNS boundary condition; boundaries that fluid passes through count as far field."""
+    # If the type says nothing, as ICEM writes it, the name of the family or of the condition decides.
     if bc_type in TYPES_THAT_SAY_NOTHING:
         return kind_of_name(name)
     return next((kind for prefix, kind in _KIND_OF_PREFIX if bc_type.startswith(prefix)), "other")
@@ -51,9 +51,9 @@ def read_patches_of_zones(
     zones: list[tuple[h5py.Group, ...]],  # the zones in block order
     shapes: list[tuple[int, ...]],  # node counts of the blocks
 ) -> tuple[tuple[Patch, ...], tuple[str, ...]]:
-    """Collect the patches of all zones: one for every family, or for every name where there is no family."""
-    # Returns patches: patches in order of their families, then of appearance. Degenerate lines and points are none.;
-    # ignored: what could not be taken over, and why, and conditions that do not go with the names.
+    """Collect the patches of all zones: one for every family, or for every name if there is no family."""
+    # Returns patches: patches in order of their families, then of appearance, without degenerate lines and points;
+    # ignored: what could not be used, and why, and conditions that contradict the names.
     windows: dict[tuple[str, str], list[Window]] = {}
     ignored: list[str] = []
     further: set[str] = set()
@@ -85,7 +85,7 @@ def read_patches_of_zones(
         if kind_of_name(name) not in (kind, "other")
     ]
     order = sorted(windows, key=lambda key: families.index(key[0]) if key[0] in families else len(families))
-    first = dict(reversed(order))  # of each name, the kind that comes first
+    first = dict(reversed(order))  # for each name, the kind that comes first
     names = {key: key[0] if first[key[0]] == key[1] else f"{key[0]} ({key[1]})" for key in order}
     ignored += [
         f"patch '{name}' has conditions of several kinds; those of kind {kind} are the patch '{names[name, kind]}'"
@@ -101,7 +101,7 @@ def _conditions(zone: h5py.Group) -> list[tuple[str, h5py.Group]]:
 
 
 def face_window(block: int, shape: tuple[int, ...], node: h5py.Group) -> Window | None:
-    """Face window that a condition or connection covers on its own side; None where it is not one."""
+    """Face window that a condition or connection covers on its own side; None if it covers none."""
     points = first_child(node, "IndexRange_t")
     is_range = points is not None
     lists = (found for name, found in children(node, "IndexArray_t") if not name.endswith("Donor"))
@@ -134,13 +134,13 @@ def add_boundaries(
     base: h5py.Group,  # the base; it gets a family for every patch
     zones: list[h5py.Group],  # the zone of every block
     grid: Grid,  # the grid with its patches
-    # windows of faces that have collapsed to lines or points; those that a patch covers are left to it
+    # windows of faces that have collapsed to lines or points; a patch that covers one is written instead
     collapsed: Sequence[Window],
 ) -> None:
     """Write the patches of a grid as families and boundary conditions, and its collapsed faces as degenerate ones."""
     for patch in grid.patches:
         name = add_family(base, patch.name, patch.kind)
-        # ADflow takes the names of families only where conditions say themselves what they are
+        # ADflow reads the names of families only if conditions state their own types
         bc_type = "FamilySpecified" if _TYPE_OF_KIND[patch.kind] == "UserDefined" else _TYPE_OF_KIND[patch.kind]
         for window in patch.windows:
             condition = _add_condition(zones[window.block], bc_type, window)
@@ -166,7 +166,7 @@ def add_family(base: h5py.Group, name: str, kind: str) -> str:
 
 
 def _degenerate_type(nodes: np.ndarray) -> str:
-    """Type of the condition on a face that has collapsed, from its nodes, shape (ni, nj, nk, 3)."""
+    """Type of the condition on a collapsed face, from its nodes, shape (ni, nj, nk, 3)."""
     sizes = [np.linalg.norm(np.ptp(nodes, axis=d), axis=-1).max() for d in range(3) if nodes.shape[d] > 1]
     return "BCDegeneratePoint" if max(sizes) <= POINT_SIZE * np.abs(nodes).max() else "BCDegenerateLine"
 

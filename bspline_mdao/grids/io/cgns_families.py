@@ -1,8 +1,8 @@
-"""Families of CGNS files: what parts of the boundary are called and what they are.
+"""Families of CGNS files: names and types of parts of the boundary.
 
-A condition names its family; one in another family by its path below the base, ``wing/upper``, also with the base,
-``/Base/wing/upper``. A family without a kind is of that of the family around it. Further families of a condition stand
-in ``AdditionalFamilyName_t``; the first of them counts where there is no other.
+A condition names its family; a family inside another is named by its path below the base, ``wing/upper``, also with the
+base, ``/Base/wing/upper``. A family without a kind has the kind of the family around it. Further families of a
+condition are in ``AdditionalFamilyName_t``; the first of them is used if there is no other.
 
 Format: ``docs/theory/grid_files.rst``.
 """
@@ -18,21 +18,21 @@ from .cgns_nodes import children, first_child, word
 __all__ = ["BC_OVERSET", "ORIGINAL_NAME", "TYPES_THAT_SAY_NOTHING", "Families", "Meaning"]
 
 ORIGINAL_NAME = "OriginalName"
-"""Text (``Descriptor_t``) in a family whose patch has a name that is none for a node: too long, or with a slash."""
+"""Text (``Descriptor_t``) in a family whose patch has an invalid node name: too long, or with a slash."""
 
 TYPES_THAT_SAY_NOTHING = ("", "Null", "UserDefined", "BCTypeNull", "BCTypeUserDefined")
 
 BC_OVERSET = "BCOverset"
-"""Text beside a condition or family of a type that CGNS does not have (``UserDefinedData_t``): ADflow, pyHyp and
-cgnsutilities so declare outer boundaries of overset component grids."""
+"""Text next to a condition or family of a type that CGNS does not have (``UserDefinedData_t``): ADflow, pyHyp and
+cgnsutilities declare outer boundaries of overset component grids in this way."""
 
-_DEEPEST = 8  # families in each other, so that links in a circle end
+_DEEPEST = 8  # nested families, so that circular links end
 
 
 class Meaning(NamedTuple):
-    """What a boundary condition says."""
+    """Meaning of a boundary condition."""
 
-    name: str  # name of its patch: that of its family, or else its own
+    name: str  # name of its patch: the family's, or else its own
     bc_type: str  # type of the condition, or of its family
     others: tuple[str, ...]  # further families that it belongs to
 
@@ -44,7 +44,7 @@ class Families:
         self._known: dict[str, dict[str, h5py.Group]] = {}
 
     def of(self, base: h5py.Group) -> dict[str, h5py.Group]:
-        """Families of a base by their paths, each before those in it."""
+        """Families of a base by their paths, each before those inside it."""
         if base.name not in self._known:
             found: dict[str, h5py.Group] = {}
             _add_below(base, "", found, depth=0)
@@ -52,7 +52,7 @@ class Families:
         return self._known[base.name]
 
     def meaning_of(self, base: h5py.Group, name: str, condition: h5py.Group) -> Meaning:
-        """Say what a condition of a zone in a base means, through its families where it has some."""
+        """Return the meaning of a condition of a zone in a base, through its families if it has some."""
         labels = "FamilyName_t", "AdditionalFamilyName_t"
         texts = [word(node) for label in labels for _, node in children(condition, label)]
         places = [self._place(base, text) for text in texts if text]
@@ -68,7 +68,7 @@ class Families:
         return Meaning(names[0] if names else name, bc_type, tuple(names[1:]))
 
     def _place(self, base: h5py.Group, text: str) -> tuple[dict[str, h5py.Group], str]:
-        """Families of the base that a name belongs to, and its path among them."""
+        """Families of the base to which a name belongs, and its path among them."""
         parts = [part for part in text.split("/") if part]
         if text.startswith("/") and len(parts) > 1:
             bases = dict(children(base.parent, "CGNSBase_t"))
@@ -99,6 +99,6 @@ def _type_of(families: dict[str, h5py.Group], path: str) -> str:
 
 
 def _name_of(families: dict[str, h5py.Group], path: str) -> str:
-    """Name of the patch of a family: as it was, where it could not be the name of a node."""
+    """Name of the patch of a family: the original, if it could not be the name of a node."""
     texts = dict(children(families[path], "Descriptor_t")) if path in families else {}
     return word(texts[ORIGINAL_NAME]) if ORIGINAL_NAME in texts else path

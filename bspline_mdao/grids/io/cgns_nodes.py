@@ -36,13 +36,13 @@ __all__ = [
     "word",
 ]
 
-_MAX_LINKS = 8  # links in a row, so that those in a circle end
+_MAX_LINKS = 8  # consecutive links, so that circular ones end
 _DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, ArithmeticError, MemoryError)
 
 
 @contextmanager
 def damaged_is_input_error(source: str) -> Iterator[None]:
-    """Turn whatever h5py raises on a damaged file into an `InputError` of one line."""
+    """Turn any error of h5py on a damaged file into an `InputError` of one line."""
     try:
         yield
     except InputError:
@@ -54,17 +54,17 @@ def damaged_is_input_error(source: str) -> Iterator[None]:
 
 
 def label(group: h5py.Group) -> str:
-    """CGNS label of a node, such as ``"Zone_t"``; empty where it has none."""
+    """CGNS label of a node, such as ``"Zone_t"``; empty if it has none."""
     return _text(group.attrs.get("label", b""))
 
 
 def is_link(group: h5py.Group) -> bool:
-    """Whether the node stands for one elsewhere, in this file or another."""
+    """Whether the node refers to one elsewhere, in this file or another."""
     return _text(group.attrs.get("type", b"")) == "LK"
 
 
 def follow_link(group: h5py.Group) -> h5py.Group:
-    """Give the node itself or, for a link, the node that it stands for."""
+    """Return the node itself or, for a link, its target."""
     for _ in range(_MAX_LINKS):
         if not is_link(group):
             return group
@@ -77,8 +77,8 @@ def follow_link(group: h5py.Group) -> h5py.Group:
 
 def children(group: h5py.Group, wanted: str) -> list[tuple[str, h5py.Group]]:
     """Name and node of all children with label ``wanted``, links followed."""
-    # They come in the order of creation where the file keeps it, as in the CGNS library, and in the natural order of
-    # their names elsewhere.
+    # They come in the order of creation if the file keeps it, as in the CGNS library, and otherwise in the natural
+    # order of their names.
     found = []
     for name in group if _keeps_creation_order(group) else sorted(group, key=_natural_order):
         if group.get(name, getclass=True) is h5py.Group:
@@ -89,14 +89,14 @@ def children(group: h5py.Group, wanted: str) -> list[tuple[str, h5py.Group]]:
 
 
 def first_child(group: h5py.Group, wanted: str) -> h5py.Group | None:
-    """Give the first child with label ``wanted``, or None."""
+    """Return the first child with label ``wanted``, or None."""
     return next((node for _, node in children(group, wanted)), None)
 
 
 def names_of_families(base: h5py.Group) -> dict[str, tuple[str, ...]]:
-    """Names that the families of a base refer to, where these are no families of it themselves."""
-    # Gmsh writes a family for each of its curves and surfaces and their physical names in it. Where a name is that of
-    # another family, the families are parts of that one, and keep their own names.
+    """Names to which the families of a base refer, if these are not families of it themselves."""
+    # Gmsh writes a family for each of its curves and surfaces and their physical names in it. If a name is another
+    # family's, the families are parts of that family, and keep their own names.
     families = dict(children(base, "Family_t"))
     found = {}
     for family, node in families.items():
@@ -113,7 +113,7 @@ def value(group: h5py.Group) -> np.ndarray:
 
 
 def whole_numbers(group: h5py.Group) -> np.ndarray:
-    """Value of a node that holds whole numbers, one after the other, shape (n,)."""
+    """Value of a node with whole numbers, in sequence, shape (n,)."""
     found = np.asarray(value(group))
     if found.dtype.kind not in "iu":
         raise InputError(
@@ -123,9 +123,9 @@ def whole_numbers(group: h5py.Group) -> np.ndarray:
 
 
 def require_stored(group: h5py.Group) -> None:
-    """Refuse a node whose value claims to be larger than its file can hold."""
+    """Refuse a node whose value claims to be larger than its file can contain."""
     data = group[" data"]
-    name = data.file.filename  # none on disk where an older format was copied in memory
+    name = data.file.filename  # none on disk if an older format was copied in memory
     n_bytes = os.path.getsize(name) if os.path.isfile(name) else data.file.id.get_filesize()
     claimed = float(np.prod([float(n) for n in data.shape])) * data.dtype.itemsize
     if claimed > max(MAX_SMALL, MAX_RATIO * n_bytes):
@@ -135,21 +135,21 @@ def require_stored(group: h5py.Group) -> None:
 
 
 def word(group: h5py.Group) -> str:
-    """Value of a node that holds characters; empty where it has none."""
+    """Value of a node with characters; empty if it has none."""
     if " data" not in group:
         return ""
     return value(group).tobytes().decode(errors="replace").split("\x00")[0].strip()
 
 
 def _text(attribute: Any) -> str:
-    """Text of an attribute up to its first zero byte, however it is stored."""
+    """Text of an attribute up to its first zero byte, in any storage."""
     raw = attribute if isinstance(attribute, (bytes, str)) else np.asarray(attribute).tobytes()
     text = raw if isinstance(raw, str) else raw.decode("ascii", "replace")
     return text.split("\x00")[0]
 
 
 def _keeps_creation_order(group: h5py.Group) -> bool:
-    """Whether the file keeps the order in which the children of a node were made."""
+    """Whether the file keeps the creation order of the children of a node."""
     properties = group["."].id.get_create_plist()
     return bool(properties.get_link_creation_order() & h5py.h5p.CRT_ORDER_TRACKED)
 
@@ -164,7 +164,7 @@ def _natural_order(name: str) -> list[tuple[bool, int | str]]:
 
 
 def free_name(parent: h5py.Group, name: str) -> str:
-    """Give a node name like ``name`` that is allowed below ``parent`` and not taken."""
+    """Return an allowed, unused node name similar to ``name`` below ``parent``."""
     name = name.encode("ascii", "replace").decode().replace("/", "_").strip()[:32].strip() or "unnamed"
     stem, number = name, 1
     while name in parent:
@@ -202,7 +202,7 @@ def set_attributes(group: h5py.Group, name: str, label: str, kind: str) -> None:
 
 
 def set_root_attributes(file: h5py.File) -> None:
-    """Write what the CGNS library expects at the root of an HDF5 file."""
+    """Write the CGNS library's attributes at the root of an HDF5 file."""
     set_attributes(file, "HDF5 MotherNode", "Root Node of HDF5 File", "MT")
     del file.attrs["flags"]
     file[" format"] = np.frombuffer(b"IEEE_LITTLE_32\0", np.int8)

@@ -1,9 +1,9 @@
 """Overlaps of CGNS zones: overset connections (``GridConnectivity_t`` of type ``Overset``) and ``OversetHoles_t``.
 
-A connection on a range of a face says that it is an overset one, as Cassiopee writes it. One on a list of nodes or of
-cells names those that are interpolated, and holes those that are cut out, as SUmb and others write what their hole
-cutting found. These are the blanking of the zone, as in PLOT3D: 0 in holes, the negative of the donor's number where
-values are interpolated, and 1 elsewhere. A node is blanked by cells where all cells around it are.
+A connection on a range of a face declares it overset, as Cassiopee writes it. A connection on a list of nodes or of
+cells names interpolated ones, and holes name removed ones, as SUmb and others write the result of their hole cutting.
+These are the blanking of the zone, as in PLOT3D: 0 in holes, the negative of the donor's number where values are
+interpolated, and 1 elsewhere. Cells blank a node if all cells around it are blanked.
 
 Format: ``docs/theory/grid_files.rst``.
 """
@@ -25,20 +25,20 @@ from .cgns_nodes import children, first_child, value, word
 __all__ = ["OVERSET_TYPE", "blanking_of", "is_overset", "with_overset_patches"]
 
 OVERSET_TYPE = "Overset"
-"""Type of the connections of zones that overlap."""
+"""Type of the connections of overlapping zones."""
 
 HOLES = "OversetHoles_t"
-"""Label of what is cut out of a zone."""
+"""Label of holes of a zone."""
 
 NAME = "overset"
-"""Name of the patch that overset connections make."""
+"""Name of the patch of overset connections."""
 
 CELLS = "CellCenter"
 """Location of points that are cells."""
 
 
 def is_overset(connection: h5py.Group) -> bool:
-    """Whether a connection (``GridConnectivity_t``) is of zones that overlap."""
+    """Whether a connection (``GridConnectivity_t``) is between overlapping zones."""
     kind = first_child(connection, "GridConnectivityType_t")
     return kind is not None and word(kind) == OVERSET_TYPE
 
@@ -46,10 +46,10 @@ def is_overset(connection: h5py.Group) -> bool:
 def with_overset_patches(
     patches: Sequence[Patch],
     zones: Sequence[h5py.Group],  # the zones in block order
-    names: Sequence[str],  # their names, ``base/zone`` where there is more than one base
+    names: Sequence[str],  # their names, ``base/zone`` if there is more than one base
     shapes: Sequence[tuple[int, ...]],  # node counts of the blocks
 ) -> tuple[tuple[Patch, ...], tuple[str, ...]]:
-    """Add a patch of the overset faces that connections declare and no patch covers; say what could not be used."""
+    """Add a patch of the declared overset faces that no patch covers; report what could not be used."""
     covered = [window for patch in patches for window in patch.windows]
     found: list[Window] = []
     ignored: list[str] = []
@@ -75,7 +75,7 @@ def blanking_of(
     block: int,  # number of this one
     shape: tuple[int, ...],  # its node counts
 ) -> np.ndarray | None:
-    """Blanking of the nodes of a zone, shape (ni, nj, nk), by its holes and connections; None where it has none."""
+    """Blanking of the nodes of a zone, shape (ni, nj, nk), by its holes and connections; None if it has none."""
     n_axes = zone[" data"].shape[1]
     on_nodes = np.ones(shape, dtype=np.int32)
     in_cells = np.ones([n - 1 for n in shape[:n_axes]] + [1] * (3 - n_axes), dtype=np.int32)
@@ -98,7 +98,7 @@ def blanking_of(
 
 
 def _by_cells(cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Blanking of nodes by that of cells: 1 where one around them is in use, else the least of them."""
+    """Blanking of nodes by cells: 1 if a cell around it is in use, else the smallest of the cells' values."""
     least, most = np.full(shape, 1, dtype=np.int32), np.full(shape, np.iinfo(np.int32).min, dtype=np.int32)
     steps = [(0, 1) if n > m else (0,) for n, m in zip(shape, cells.shape)]
     for corner in product(*steps):
@@ -114,11 +114,11 @@ def _overset_connections(zone: h5py.Group) -> list[tuple[str, h5py.Group]]:
 
 
 def _location(node: h5py.Group) -> str:
-    """Where the points of a connection are: nodes by default."""
+    """Location of the points of a connection: nodes by default."""
     location = first_child(node, "GridLocation_t")
     return "" if location is None else word(location)
 
 
 def _face_of(node: h5py.Group, block: int, shape: tuple[int, ...]) -> Window | None:
-    """Window of a face that a connection covers, by its nodes or the centres of its faces; None of others."""
+    """Window of a face that a connection covers, by its nodes or the centres of its faces; None for others."""
     return None if _location(node) == CELLS else face_window(block, shape, node)

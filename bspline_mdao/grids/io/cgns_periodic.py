@@ -1,8 +1,8 @@
 """Periodic connections of CGNS zones: ``Periodic_t`` in a ``GridConnectivityProperty_t``.
 
-It takes the nodes of this side to those of the donor: a rotation about ``RotationCenter`` by ``RotationAngle`` about x,
-then y, then z, and a ``Translation`` (SIDS, section 8.5.1). Programs differ in the unit of angles, where they state
-none, and in the direction, so that nodes decide: a motion counts where it lays those of one side onto the other's.
+It maps the nodes of this side to the nodes of the donor: a rotation about ``RotationCenter`` by ``RotationAngle`` about
+x, then y, then z, and a ``Translation`` (SIDS, section 8.5.1). Programs differ in the direction, and in the unit of
+angles if they state none, so the nodes decide: a motion is valid if it maps the nodes of one side onto the other's.
 
 Format: ``docs/theory/grid_files.rst``.
 """
@@ -28,14 +28,14 @@ from .cgns_nodes import children, first_child, value, word
 __all__ = ["read_periodic", "with_periodic_patches"]
 
 MATCHING = "Abutting1to1"
-"""Type of the connections (``GridConnectivity_t``) whose nodes meet those of the donor one by one."""
+"""Type of the connections (``GridConnectivity_t``) whose nodes match the donor's one to one."""
 
 
 @dataclass(frozen=True)
 class _Side:
-    """A connection of which a motion lays the nodes of one window onto those of another, ordered so that it is ahead.
+    """A connection whose motion maps the nodes of one window onto another's, in the forward order.
 
-    Both zones have each connection, there and back, so that each pair of windows comes once.
+    Both zones have each connection, in both directions, so the order makes each pair of windows unique.
     """
 
     window: Window
@@ -52,7 +52,7 @@ class _Side:
 
 def read_periodic(
     zones: Sequence[h5py.Group],  # the zones in block order
-    names: Sequence[str],  # their names, ``base/zone`` where there is more than one base
+    names: Sequence[str],  # their names, ``base/zone`` if there is more than one base
     shapes: Sequence[tuple[int, ...]],  # node counts of the blocks
     nodes_at: Callable[[Window], np.ndarray],  # reads the nodes of a window, shape (..., 3)
     unit: str,  # unit of lengths
@@ -113,7 +113,7 @@ def _side(
     shapes: Sequence[tuple[int, ...]],
     nodes_at: Callable[[Window], np.ndarray],
 ) -> _Side | str:
-    """Read a periodic connection of a block; why it cannot be used where it cannot."""
+    """Read a periodic connection of a block; or say why it cannot be used."""
     kind = first_child(node, "GridConnectivityType_t")
     if kind is not None and word(kind) != MATCHING:
         return f"is of type {word(kind)}, not {MATCHING}"
@@ -131,14 +131,14 @@ def _side(
         distance, met = tree.query(motion.move(nodes))
         if distance.max() > CLOSE * size:
             continue
-        if motion.is_translation:  # arrays of single precision are as exact as their nodes then
+        if motion.is_translation:  # arrays of single precision are then as exact as their nodes
             motion = Motion(shift=tuple((others[met] - nodes).mean(axis=0).tolist()))
         return _Side(a, b, motion, nodes, size) if motion.is_ahead else _Side(b, a, motion.inverse(), others, size)
     return "has a rotation or translation that does not lay its nodes onto those of the donor"
 
 
 def _window_of(lists: dict[str, h5py.Group], side: str, block: int, shapes: Sequence[tuple[int, ...]]) -> Window | None:
-    """Window of this side of a connection, or of its donor: a range of nodes, or what a list of nodes spans."""
+    """Window of this side of a connection, or of its donor: a range of nodes, or the span of a list of nodes."""
     points = lists.get(f"PointRange{side}", lists.get(f"PointList{side}"))
     if points is None:
         return None
@@ -147,7 +147,7 @@ def _window_of(lists: dict[str, h5py.Group], side: str, block: int, shapes: Sequ
 
 
 def _candidates(declared: h5py.Group, near: float) -> Iterator[Motion]:
-    """Yield the motions that a node may mean, as it is read by the standard first."""
+    """Yield the possible motions of a node, starting with the standard reading."""
     arrays = dict(children(declared, "DataArray_t"))
     center, angles, shift = (
         np.asarray(value(arrays[name]), dtype=float).ravel()[:3] if name in arrays else np.zeros(3)

@@ -1,7 +1,7 @@
-"""Units of the lengths in CGNS files: ``DimensionalUnits_t`` where the data are dimensional.
+"""Units of the lengths in CGNS files: ``DimensionalUnits_t`` if the data are dimensional.
 
 The innermost node counts, of coordinates, their group, the zone and the base. CGNS has no word for millimetres: such
-files say ``UserDefined`` and have the unit as a text, ``LengthUnit``, in the base.
+files say ``UserDefined`` and store the unit as a text, ``LengthUnit``, in the base.
 
 Format: ``docs/theory/grid_files.rst``, "Units".
 """
@@ -22,15 +22,15 @@ _OF_WORD = {"meter": "m", "centimeter": "cm", "millimeter": "mm", "inch": "in", 
 _WORDS = {"m": "Meter", "cm": "Centimeter", "in": "Inch", "ft": "Foot"}
 
 UNIT_TEXT = "LengthUnit"
-"""Text (``Descriptor_t``) in the base with the unit for which CGNS has no word."""
+"""Text (``Descriptor_t``) in the base for a unit that CGNS has no word for."""
 
 _DIMENSIONAL = "Dimensional"
 _UNKNOWN = "NormalizedByUnknownDimensional"
-"""Class of data of new files without a unit: most grid files that are converted do not state theirs."""
+"""Class of data of new files without a unit: most converted grid files do not state theirs."""
 
 
 def read_unit(source: str, zones: Sequence[tuple[h5py.Group, h5py.Group]]) -> str:
-    """Find the unit of the lengths of some zones, each given with its base; empty where they have none."""
+    """Find the unit of the lengths of some zones, each given with its base; empty if they have none."""
     found: dict[str, str] = {}
     for base, zone in zones:
         found.setdefault(_unit_of(base, zone), zone.name)
@@ -57,7 +57,7 @@ def _unit_of(base: h5py.Group, zone: h5py.Group) -> str:
 
 
 def add_unit(base: h5py.Group, unit: str) -> None:
-    """Write the unit of lengths into a base that says none; nothing but that it is unknown where it is empty."""
+    """Write the unit of lengths into a base without one; if it is empty, only that it is unknown."""
     for label in ("DataClass_t", "DimensionalUnits_t"):
         for name, _ in children(base, label):
             del base[name]

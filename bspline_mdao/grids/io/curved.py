@@ -1,4 +1,4 @@
-"""Files of curved hexahedra: the name gives the format. Theory: ``docs/theory/high_order.rst``."""
+"""Files of curved hexahedra: the name determines the format. Theory: ``docs/theory/high_order.rst``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["curved_format", "write_curved_grid"]
 
 
 def curved_format(path: str | os.PathLike) -> GridFormat:
-    """Return the format of curved elements that the name of a file promises."""
+    """Return the format of curved elements for the name of a file."""
     for form in CURVED_FORMATS:
         if form.suffix_of(Path(path)) in form.suffixes:
             return form
@@ -27,7 +27,7 @@ def write_curved_grid(path: str | os.PathLike, grid: CurvedGrid) -> None:
     Parameters
     ----------
     path : path-like
-        The file to make or replace: ``.cgns`` (sections HEXA_8, HEXA_27, HEXA_64 or HEXA_125, and QUAD of every
+        The file to create or replace: ``.cgns`` (sections HEXA_8, HEXA_27, HEXA_64 or HEXA_125, and QUAD of every
         patch with a boundary condition) or ``.msh`` (Gmsh 4.1, through meshio; patches are physical groups).
     grid : CurvedGrid
         The elements, see `bspline_mdao.splines.curved_grid`.
@@ -35,7 +35,7 @@ def write_curved_grid(path: str | os.PathLike, grid: CurvedGrid) -> None:
     Raises
     ------
     InputError
-        When the name promises another format, meshio is missing, or the file cannot be written.
+        If the name is of another format, meshio is missing, or the file cannot be written.
 
     Examples
     --------

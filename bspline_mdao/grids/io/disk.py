@@ -1,9 +1,9 @@
-"""Files on disk: read as a whole, perhaps compressed; written so that a reader never sees half of one.
+"""Files on disk: read as a whole, possibly compressed; written so that a reader never sees an incomplete file.
 
-What is new is written into a private folder beside its target, flushed to the disk, and put in its place by renaming. A
-process that is killed leaves its private folder behind; the next one that writes there removes it. A lock distinguishes
-the two: the system gives it back when its process ends, however that comes about. HDF5 files are written in memory
-first, and no interrupt from the keyboard is lost in h5py.
+New files are written into a private folder next to the target, flushed to the disk, and renamed into place. A process
+that is killed leaves its private folder behind; the next one that writes there removes it. A lock distinguishes the two
+cases: the system releases it when its process ends, for whatever reason. HDF5 files are written in memory first, so
+that no keyboard interrupt is lost in h5py.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from ...errors import InputError
 from .locked_folder import LOCK, is_of_this_user, locked_folder, take
 
 PREFIX, SUFFIX = ".bspline_mdao-", ".part"
-_NEW = "new"  # what is in a private folder besides its lock
+_NEW = "new"  # content of a private folder besides its lock
 
 
 @contextmanager
 def replaced_file(
-    # file to make or to replace; a symbolic link is followed, and folders that are missing are made
+    # file to create or to replace; a symbolic link is followed, and missing folders are created
     path: str | os.PathLike,
 ) -> Iterator[Path]:
-    """Give a temporary path on the file system of ``path``, which takes its place when the block ends well."""
-    # Returns path to write to. When the block raises, it is removed and ``path`` stays as it was or is not made.
+    """Yield a temporary path on the file system of ``path``, which takes its place when the block ends well."""
+    # Yields the path to write to. If the block raises, it is removed and ``path`` stays unchanged or is not created.
     target = Path(os.path.realpath(path))
     _check_replaceable(path, target)
     with _os_error_is_input_error(path), _folder(target.parent), _private_folder(target.parent) as folder:
@@ -51,12 +51,12 @@ def replaced_file(
 
 @contextmanager
 def replaced_folder(
-    # folder to make, with those above it that are missing, or to put files into; other files in it stay
+    # folder to create, with missing folders above it, or to put files into; other files in it stay
     path: str | os.PathLike,
 ) -> Iterator[Path]:
-    """Give an empty temporary folder, which becomes ``path``, or whose files go there, when the block ends well."""
-    # Returns folder to write files to, also in folders in it. When the block raises, it is removed and ``path`` stays
-    # as it was or is not made.
+    """Yield an empty temporary folder, which becomes ``path``, or whose files go there, when the block ends well."""
+    # Yields the folder to write files to, also in folders in it. If the block raises, it is removed and ``path`` stays
+    # unchanged or is not created.
     target = Path(os.path.realpath(path))
     with _os_error_is_input_error(path), _folder(target.parent), _private_folder(target.parent) as folder:
         new = folder / _NEW
@@ -73,12 +73,12 @@ def replaced_folder(
 
 
 def files_in(folder: Path) -> list[Path]:
-    """Files in a folder and in those in it, relative to it."""
+    """Files in a folder and its subfolders, relative to it."""
     return sorted(file.relative_to(folder) for file in folder.rglob("*") if file.is_file())
 
 
 def put_files(new: Path, path: str | os.PathLike) -> None:
-    """Put the files of a folder in the places of those of another one on the same file system; others stay there."""
+    """Move the files of a folder into another one on the same file system, replacing files of the same name only."""
     target, files = Path(os.path.realpath(path)), files_in(new)
     for file in files:
         _flush(new / file)
@@ -91,7 +91,7 @@ def put_files(new: Path, path: str | os.PathLike) -> None:
 
 @contextmanager
 def _folder(folder: Path) -> Iterator[None]:
-    """Make a folder and those above it that are missing; when the block raises, they are removed again."""
+    """Create a folder and missing folders above it; if the block raises, they are removed again."""
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -104,14 +104,14 @@ def _folder(folder: Path) -> Iterator[None]:
 
 
 def _check_replaceable(path: str | os.PathLike, target: Path) -> None:
-    """Refuse what is there and no file: root could replace a device, /dev/null for example."""
+    """Refuse an existing path that is not a file: root could replace a device, /dev/null for example."""
     if target.exists() and not target.is_file():
         raise InputError(f"{path}: is {'a folder' if target.is_dir() else 'a device'}, not a file; name a file")
 
 
 @contextmanager
 def _os_error_is_input_error(path: str | os.PathLike) -> Iterator[None]:
-    """Turn an error of the system into an `InputError` of one line that names the path."""
+    """Turn a system error into an `InputError` of one line that names the path."""
     try:
         yield
     except OSError as error:
@@ -119,7 +119,7 @@ def _os_error_is_input_error(path: str | os.PathLike) -> Iterator[None]:
 
 
 def _put(file: Path, target: Path) -> None:
-    """Put a file in the place of another one, whose permissions it takes."""
+    """Put a file in place of another one, with the permissions of the latter."""
     if target.exists():
         shutil.copymode(target, file)
     os.replace(file, target)
@@ -127,7 +127,7 @@ def _put(file: Path, target: Path) -> None:
 
 @contextmanager
 def _private_folder(parent: Path) -> Iterator[Path]:
-    """Make a folder that this user alone can enter, locked until the block ends and removed then."""
+    """Create a folder that only this user can enter, locked until the block ends and then removed."""
     _remove_left_behind(parent)
     folder, lock = locked_folder(parent, PREFIX, SUFFIX)
     try:
@@ -138,7 +138,7 @@ def _private_folder(parent: Path) -> Iterator[Path]:
 
 
 def _remove_left_behind(parent: Path) -> None:
-    """Remove the private folders of this user in a folder whose processes have ended."""
+    """Remove this user's private folders in a folder whose processes have ended."""
     for folder in parent.glob(f"{PREFIX}*{SUFFIX}"):
         with suppress(OSError):
             if is_of_this_user(folder):
@@ -160,7 +160,7 @@ def _remove_unlocked(folder: Path) -> None:
 
 
 def _flush(file: Path) -> None:
-    """Have a file written to the disk."""
+    """Flush a file to the disk."""
     descriptor = os.open(file, os.O_RDWR)
     try:
         os.fsync(descriptor)
@@ -169,7 +169,7 @@ def _flush(file: Path) -> None:
 
 
 def _flush_folder(folder: Path) -> None:
-    """Have the names in a folder written to the disk, where the system can."""
+    """Flush the names in a folder to the disk, if the system can."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -180,9 +180,9 @@ def _flush_folder(folder: Path) -> None:
 
 @contextmanager
 def deferred_interrupts() -> Iterator[None]:
-    """Hold an interrupt from the keyboard back until the block ends."""
+    """Delay a keyboard interrupt until the block ends."""
     # The first Python code that runs after a call of the HDF5 library is often a callback of one of h5py's weak
-    # references, and Python drops what is raised there.
+    # references, and Python drops exceptions raised there.
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(handler):
         yield
@@ -199,10 +199,10 @@ def deferred_interrupts() -> Iterator[None]:
 
 @contextmanager
 def replaced_hdf5_file(
-    path: str | os.PathLike,  # file to make or to replace
+    path: str | os.PathLike,  # file to create or to replace
 ) -> Iterator[h5py.File]:
-    """Give an empty HDF5 file, which takes the place of ``path`` when the block ends well."""
-    # It is kept in memory until then: the HDF5 library takes the process down with it when a disk is full.
+    """Yield an empty HDF5 file, which takes the place of ``path`` when the block ends well."""
+    # It is kept in memory until then: the HDF5 library crashes the process when a disk is full.
     buffer = io.BytesIO()
     with deferred_interrupts():
         file = h5py.File(buffer, "w", track_order=True)
@@ -216,18 +216,18 @@ def replaced_hdf5_file(
 
 
 class Compression(NamedTuple):
-    """A format that holds one compressed file."""
+    """A format for one compressed file."""
 
-    name: str  # what it is called
+    name: str  # its name
     suffix: str  # suffix of its files
-    magic: re.Pattern[bytes]  # what they begin with
-    decompressor: Callable[[], Any]  # makes what decompresses a member of a file
-    # opens what compresses into a file that is open; the same content gives the same bytes
+    magic: re.Pattern[bytes]  # beginning of its files
+    decompressor: Callable[[], Any]  # makes a decompressor for a member of a file
+    # opens a compressor into an open file; the same content gives the same bytes
     sink: Callable[[BinaryIO], Any]
 
 
 _XZ_MEMORY = 2**28
-"""Bytes that xz may take for its dictionary: of its presets, the strongest takes 64 MiB."""
+"""Largest dictionary of xz in bytes: the strongest of its presets takes 64 MiB."""
 
 COMPRESSIONS = (
     Compression(
@@ -252,21 +252,21 @@ COMPRESSIONS = (
         partial(lzma.open, mode="wb"),
     ),
 )
-"""What grids are compressed with."""
+"""Compression formats of grids."""
 
 _LONGEST_MAGIC = 10
 
 MAX_RATIO = 200
 MAX_SMALL = 2**26
-"""What is compressed may grow to 64 MiB or 200 times its file's length; grids compress at most about 40 times."""
+"""Decompressed data may be 64 MiB or 200 times the length of the file; grids compress at most about 40 times."""
 
 
 def read_bytes(
     path: str | os.PathLike,  # the file
 ) -> tuple[bytes, str, tuple[str, ...]]:
-    """Read a file and decompress it where its first bytes say that it is compressed."""
-    # Returns data: its content, decompressed; compression: name of one of `COMPRESSIONS`; empty where it was not
-    # compressed; ignored: what is in the file besides, one line each: bytes after the compressed data.
+    """Read a file and decompress it if its first bytes say that it is compressed."""
+    # Returns data: its content, decompressed; compression: name of one of `COMPRESSIONS`, empty if it was not
+    # compressed; ignored: other content of the file, one line each: bytes after the compressed data.
     data = read_raw(path)
     found = _compression_of(data)
     if found is None:
@@ -282,12 +282,12 @@ def is_compressed(path: str | os.PathLike) -> bool:
 
 
 def _compression_of(data: bytes) -> Compression | None:
-    """What a file is compressed with, from its first bytes; None where it is not."""
+    """Compression format of a file, from its first bytes; None if it is not compressed."""
     return next((item for item in COMPRESSIONS if item.magic.match(data)), None)
 
 
 def read_raw(path: str | os.PathLike, size: int = -1) -> bytes:
-    """Read the first ``size`` bytes of a file as they are, or all of them."""
+    """Read the first ``size`` bytes of a file unchanged, or all of them."""
     if not os.path.isfile(path):
         raise InputError(f"{path}: {'is not a file' if os.path.exists(path) else 'does not exist'}; give a file")
     try:
@@ -298,7 +298,7 @@ def read_raw(path: str | os.PathLike, size: int = -1) -> bytes:
 
 
 def _decompress(data: bytes, compression: Compression, path: str | os.PathLike) -> tuple[bytes, int]:
-    """Content of all members of a compressed file, and how many bytes follow that belong to none."""
+    """Content of all members of a compressed file, and the number of bytes after the last member."""
     limit = max(MAX_SMALL, MAX_RATIO * len(data))
     pieces, size, rest = [], 0, data
     while compression.magic.match(rest):

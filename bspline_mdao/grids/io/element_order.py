@@ -12,8 +12,8 @@ An element of degree d has a lattice of (d + 1)^3 nodes, or (d + 1)^2; formats b
       |/        |/
       0---------1
 
-then list the nodes inside edges, inside faces, and inside. CGNS (SIDS, section 3.3) goes round each face, and inside
-of it from ring to ring; Gmsh lists what is inside of a face or of an element like an element of two degrees less.
+then list the nodes inside edges, inside faces, and inside the element. CGNS (SIDS, section 3.3) goes round each face,
+and inside it from ring to ring; Gmsh lists the inside of a face or of an element like an element of two degrees less.
 Theory: ``docs/theory/high_order.rst``.
 """
 
@@ -33,7 +33,7 @@ QUADRANGLES = {1: 7, 2: 9, 3: 28, 4: 44}
 Lattice = list[tuple[int, ...]]
 
 CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
-"""Places of the corners of a hexahedron; the first four are those of a quadrangle."""
+"""Places of the corners of a hexahedron; the first four are the corners of a quadrangle."""
 
 CGNS_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 5), (2, 6), (3, 7), (4, 5), (5, 6), (6, 7), (7, 4))
 CGNS_FACES = ((0, 1, 2, 3), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4, 5, 6, 7))
@@ -46,19 +46,7 @@ QUAD_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0))
 
 @cache
 def cgns_order(degree: int, n_dimensions: int = 3) -> np.ndarray:
-    """Places in the lattice of the nodes of a CGNS element, in its order.
-
-    Parameters
-    ----------
-    degree : int
-        Degree of the element.
-    n_dimensions : {2, 3}
-        Quadrangle, or hexahedron.
-
-    Returns
-    -------
-    ndarray of int, shape ((degree + 1)**n_dimensions,)
-        Numbers of lattice nodes, counted in C order.
+    """Places in the lattice, in C order, of the nodes of a CGNS quadrangle or hexahedron, in its order.
 
     Examples
     --------
@@ -123,14 +111,14 @@ def _around(degree: int) -> Lattice:
 
 
 def _gmsh_quadrangle(degree: int) -> Lattice:
-    """All nodes of a quadrangle; what is inside is one of two degrees less."""
+    """All nodes of a quadrangle; its inside is one of two degrees less."""
     if degree == 0:
         return [(0, 0)]
     return _around(degree) + (_within(_gmsh_quadrangle(degree - 2)) if degree > 1 else [])
 
 
 def _inner_rings(degree: int) -> Lattice:
-    """Nodes inside a quadrangle as CGNS goes round them, ring after ring."""
+    """Nodes inside a quadrangle in the order of CGNS, ring after ring."""
     places: Lattice = []
     low, high = 1, degree - 1
     while low < high:
@@ -142,7 +130,7 @@ def _inner_rings(degree: int) -> Lattice:
 
 
 def _gmsh_hexahedron(degree: int) -> Lattice:
-    """All nodes of a hexahedron; what is inside of a face or of it is an element of two degrees less."""
+    """All nodes of a hexahedron; the insides of its faces and of itself are elements of two degrees less."""
     if degree == 0:
         return [(0, 0, 0)]
     places = _corners(degree) + _on_edges(degree, GMSH_EDGES)
@@ -154,5 +142,5 @@ def _gmsh_hexahedron(degree: int) -> Lattice:
 
 
 def _within(inner: Lattice) -> Lattice:
-    """Places of a lattice in that of an element of two degrees more."""
+    """Places of a lattice in the lattice of an element of two degrees more."""
     return [tuple(m + 1 for m in place) for place in inner]

@@ -1,4 +1,4 @@
-"""Files that carry fields: for ParaView and for Tecplot, with the quality and the place of every cell.
+"""Files with fields: for ParaView and for Tecplot, with the quality and the place of every cell.
 
 Format: ``docs/theory/grid_files.rst``.
 """
@@ -21,11 +21,11 @@ from .vtk import write_vtk
 __all__ = ["WRITERS", "quality_fields", "write_with_quality", "writer_of"]
 
 WRITERS: dict[str, Callable] = {".vtm": write_vtk, ".dat": write_tecplot, ".tec": write_tecplot}
-"""Functions that write a path, a grid, and fields of its nodes and of its cells, by suffixes."""
+"""Functions that write a path, a grid, and fields of its nodes and cells, by suffix."""
 
 
 def writer_of(path: str | os.PathLike) -> Callable:
-    """Choose the function that writes fields under a name."""
+    """Choose the function that writes fields, by the name of the file."""
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
         raise InputError(
@@ -41,8 +41,8 @@ def write_with_quality(path: str | os.PathLike, grid: Grid) -> None:
 
 
 def quality_fields(grid: Grid) -> dict[str, list[np.ndarray]]:
-    """Fields of the cells that files have: those of `bspline_mdao.grids.cells.cell_fields`."""
-    # Where there are no cells that could be measured, the numbers of blocks and patches alone.
+    """Fields of the cells in files: those of `bspline_mdao.grids.cells.cell_fields`."""
+    # Without measurable cells, only the numbers of blocks and patches.
     if any(has_cells(shape) for shape in grid.shapes):
         return cell_fields(grid)
     patches = patch_numbers(grid)

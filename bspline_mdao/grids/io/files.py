@@ -1,4 +1,4 @@
-"""Grid files of all formats: read by their content, written in the format that the name or the grid asks for.
+"""Grid files of all formats: read by content, written in the format of the name or of the grid.
 
 Theory: ``docs/theory/grid_files.rst``.
 """
@@ -24,19 +24,19 @@ from .plot3d_dialect import Plot3dDialect
 
 __all__ = ["check_grid_name", "open_grid", "read_grid", "write_grid"]
 
-_HEAD = 4096  # bytes in which the signature of a format is looked for
+_HEAD = 4096  # bytes searched for the signature of a format
 
 
 class HasDialect(Protocol):
-    """A grid, or what has its source and its dialect, such as the header of a model."""
+    """A grid, or an object with its source and dialect, such as the header of a model."""
 
     @property
     def source(self) -> str:
-        """Where the grid came from."""
+        """Origin of the grid."""
 
     @property
     def dialect(self) -> object | None:
-        """How it was written."""
+        """Format details of its file."""
 
 
 def read_grid(
@@ -48,10 +48,10 @@ def read_grid(
     ----------
     path : path-like
         The grid; its format is found from its content, never from its name.
-    patches : path-like, optional
+    The grid; its format is found from its content, never from its name.
         Patches in TOML or a neutral map file. They replace patches of the same name in a CGNS grid.
     blocks : iterable of int, optional
-        Numbers, from 0, of the blocks that are wanted, in that order; all by default. The others are passed over.
+        Numbers, from 0, of the blocks to read, in this order; all by default. Other blocks are skipped.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def read_grid(
 
     Raises
     ------
-    InputError
+    If a file cannot be read; the message is one line.
         When a file cannot be read, in one line.
 
     Examples
@@ -84,15 +84,15 @@ def read_grid(
 def open_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None, comm: Any = ONE) -> StoredGrid:
     """Open a PLOT3D or CGNS grid, to read blocks or windows without the rest.
 
-    Names, shapes and patches are known at once. Raw binary, Fortran records and HDF5 are read where the nodes are; text
-    is passed over once to find them; what is compressed is decompressed whole, by every process that reads from it.
+    Names, shapes and patches are known at once. Raw binary, Fortran records and HDF5 are read at the places of the
+    nodes. Text is scanned once to find them. Compressed files are decompressed as a whole, by every process that reads.
 
     Parameters
     ----------
     path, patches : path-like
         As for `read_grid`.
     comm : communicator
-        Processes that open it together: the first looks at the file, and tells the others.
+        Processes that open it together: the first examines the file, and sends the result to the others.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def open_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None,
     Raises
     ------
     InputError
-        When a file cannot be read, in one line, on all processes.
+        If a file cannot be read, on all processes; the message is one line.
 
     Examples
     --------
@@ -125,25 +125,25 @@ def open_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None,
 def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
     """Write a grid completely or not at all.
 
-    The name sets the format (`bspline_mdao.grids.io.formats.FORMATS`): ``.cgns``; ``.vtm`` (ParaView) and ``.dat``
-    (Tecplot), both with the quality and the place of every cell; a folder ``polyMesh`` (OpenFOAM); or a suffix of
-    PLOT3D. With one of these, none, or the suffix of its own file, a grid from PLOT3D keeps its dialect. Other grids
+    The name determines the format (`bspline_mdao.grids.io.formats.FORMATS`): ``.cgns``; ``.vtm`` (ParaView) and
+    ``.dat`` (Tecplot), both with the quality and the place of every cell; a folder ``polyMesh`` (OpenFOAM); or a suffix
+    of PLOT3D. With one of these, none, or the suffix of its own file, a grid from PLOT3D keeps its dialect. Other grids
     become PLOT3D with 8-byte reals and a block count: ASCII for ``.fmt``, ``.p3dfmt`` and ``.txt``, otherwise raw
     little-endian binary, both compressed if ``.gz``, ``.bz2`` or ``.xz`` follows.
 
     Parameters
     ----------
     path : path-like
-        The file to make or replace; a folder for OpenFOAM.
+        The file to create or replace; a folder for OpenFOAM.
     grid : Grid
         The grid.
     topology : Topology, optional
-        See `write_polymesh` and `write_cgns`; other formats do without.
+        See `write_polymesh` and `write_cgns`; other formats do not need it.
 
     Raises
     ------
     InputError
-        When the format cannot hold the grid, the name promises another format, or the file cannot be written.
+        If the format cannot store the grid, the name is of another format, or the file cannot be written.
 
     Examples
     --------
@@ -168,26 +168,26 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
 
 
 def check_grid_name(
-    path: str | os.PathLike,  # the file to make or replace
-    grid: HasDialect,  # the grid, or its header: one read from PLOT3D may keep the suffix of its file
+    path: str | os.PathLike,  # the file to create or replace
+    grid: HasDialect,  # the grid, or its header: a grid from PLOT3D may keep the suffix of its file
 ) -> None:
-    """Refuse a name that promises another format than those that are written."""
+    """Refuse a name whose format cannot be written."""
     _format_to_write(path, grid)
 
 
 def _format_to_write(path: str | os.PathLike, grid: HasDialect) -> GridFormat:
-    """Return the format that a grid is written in under a name."""
+    """Return the format in which a grid is written under a name."""
     name, plot3d = Path(path), FORMATS[0]
     suffix = plot3d.suffix_of(name)
     dialect = grid.dialect.dialect if isinstance(grid.dialect, PlaneDialect) else grid.dialect
     if isinstance(dialect, Plot3dDialect) and suffix == plot3d.suffix_of(Path(grid.source)):
-        return plot3d  # also where another format has the suffix, such as .dat
+        return plot3d  # also if another format has the suffix, such as .dat
     named = format_of_name(name)
     if named is not None:
         return named
     others = sorted(
         FORMATS[1:], key=lambda form: (bool(form.folder), bool(form.reader))
-    )  # what is only looked at first
+    )  # formats that are only detected
     names = ", ".join(str(form).removeprefix("a folder ") for form in others)
     asked = "".join(name.suffixes[-2:]) if name.suffix.lower() in COMPRESSED else name.suffix
     advice = f"name it {names}, or for {plot3d.name} {', '.join(filter(None, plot3d.suffixes))}"
@@ -200,5 +200,5 @@ def _format_to_write(path: str | os.PathLike, grid: HasDialect) -> GridFormat:
 
 
 def _function(form: GridFormat, name: str) -> Callable:
-    """Return a function of the module of a format, imported now that it is needed."""
+    """Return a function of the module of a format, imported on demand."""
     return getattr(importlib.import_module(f"{__package__}.{form.module}"), name)

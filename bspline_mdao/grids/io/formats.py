@@ -1,8 +1,8 @@
 """The file formats of grids in one table, for reading, writing, messages and the help of the command line.
 
-To add a format, write its module beside the others and add a line to `FORMATS`. The table names the modules and imports
-none of them (`.files` does, when a file of the format is first met): the help of the command line shows the table, and
-should not wait for NumPy and HDF5.
+To add a format, write its module next to the others and add a line to `FORMATS`. The table names the modules without
+importing them (`.files` does, when a file of the format is first used): the help of the command line shows the table,
+and should not wait for NumPy and HDF5.
 """
 
 from __future__ import annotations
@@ -26,51 +26,51 @@ __all__ = [
 ]
 
 POLYMESH = "polyMesh"
-"""Name of the folder that OpenFOAM looks for, in ``constant`` of a case."""
+"""Name of the folder that OpenFOAM expects in ``constant`` of a case."""
 
 MODEL, MODEL_FORMAT = ".h5", "bspline_mdao fitted model"
 """Suffix of fitted models, and the attribute ``format`` of their HDF5 files."""
 
 MESH_MODEL_FORMAT = "bspline_mdao mesh"
-"""That attribute of the models of meshes without structure."""
+"""The same attribute for models of unstructured meshes."""
 
 COMPRESSED = (".gz", ".bz2", ".xz")
-"""Suffixes behind that of a format which may be compressed."""
+"""Suffixes that may follow the suffix of a compressible format."""
 
 
 @dataclass(frozen=True)
 class GridFormat:
     """A file format of grids."""
 
-    name: str  # what it is called in messages: the format, or the program that it is for
+    name: str  # its name in messages: the format, or its program
     module: str  # its module in this folder
     writer: str  # function of the module that writes a path and a grid
     reader: str = ""  # function of the module that reads a path
-    opener: str = ""  # function of the module that opens a path, so that blocks of it can be read later
+    opener: str = ""  # function of the module that opens a path, to read blocks of it later
     suffixes: tuple[str, ...] = ()  # suffixes of its files; ``""`` for names without one
-    listed: tuple[str, ...] = ()  # those of the suffixes that help names, all by default
+    listed: tuple[str, ...] = ()  # the suffixes that help names, all by default
     folder: str = ""  # name of the folder that it writes, instead of a file
-    # what its files have at which byte; files that have the signature of no format are read by the format without
+    # signature of its files and its byte; files with no known signature are read by the format without
     signatures: tuple[tuple[int, bytes], ...] = ()
     takes_topology: bool = False  # whether the writer takes the topology of the grid as well
     may_be_compressed: bool = False  # whether one of `COMPRESSED` may follow the suffix
 
     def suffix_of(self, path: Path) -> str:
-        """Return the suffix that counts, in lower case: the one before `COMPRESSED` where that may follow."""
+        """Return the decisive suffix, in lower case: the one before `COMPRESSED` if that may follow."""
         is_compressed = self.may_be_compressed and path.suffix.lower() in COMPRESSED
         return (path.with_suffix("") if is_compressed else path).suffix.lower()
 
     def __str__(self) -> str:
-        """Name its suffixes or its folder, and the format where they do not say it themselves."""
+        """Name its suffixes or its folder, and the format if they do not imply it."""
         listed = f"a folder {self.folder}" if self.folder else ", ".join(self.listed or self.suffixes)
         return listed if listed == f".{self.name.lower()}" else f"{listed} ({self.name})"
 
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
-"""Signature of HDF5, at the beginning or after a user's block of 512 bytes, 1024 bytes and so on."""
+"""Signature of HDF5, at the beginning or after a user block of 512 bytes, 1024 bytes and so on."""
 
 ADF = b"ADF Database Version "
-"""What CGNS files before HDF5 have behind their first four bytes, which are no text."""
+"""Signature of CGNS files before HDF5, after their first four bytes, which are not text."""
 
 FORMATS = (
     GridFormat(
@@ -97,7 +97,7 @@ FORMATS = (
     GridFormat("Tecplot", "fields", "write_with_quality", suffixes=(".dat", ".tec"), listed=(".dat",)),
     GridFormat("OpenFOAM", "openfoam", "write_polymesh", folder=POLYMESH, takes_topology=True),
 )
-"""All formats, in the order in which help names them."""
+"""All formats, in the order of the help."""
 
 CURVED_FORMATS = (
     GridFormat("CGNS", "cgns_elements", "write_cgns_elements", suffixes=(".cgns",)),
@@ -115,8 +115,8 @@ def format_of_content(head: bytes) -> GridFormat:
 
 
 def format_of_name(path: Path) -> GridFormat | None:
-    """Return the format that the name of a path promises; None where it is none of theirs."""
-    for item in sorted(FORMATS, key=lambda item: not item.folder):  # the name of a folder is also one without suffix
+    """Return the format for the name of a path; None if it belongs to none."""
+    for item in sorted(FORMATS, key=lambda item: not item.folder):  # the name of a folder is also a name without suffix
         if path.name == item.folder if item.folder else item.suffix_of(path) in item.suffixes:
             return item
     return None
@@ -129,7 +129,7 @@ def read_names() -> str:
 
 
 def curved_names() -> str:
-    """Name suffixes of the formats that curved elements are written in."""
+    """Name suffixes of the formats of curved elements."""
     return " or ".join(map(str, CURVED_FORMATS))
 
 

@@ -1,8 +1,7 @@
-"""Numbers as Fortran reads and writes them: list-directed text, and unformatted records.
+"""Numbers in the formats of Fortran: list-directed text, and unformatted records.
 
-A record is a payload between two markers of its length. One longer than 2,147,483,639 bytes is cut into subrecords by
-gfortran and ifort: the leading marker is negative where another subrecord follows, the trailing one where another came
-before.
+A record is a payload between two markers of its length. gfortran and ifort cut a record longer than 2,147,483,639 bytes
+into subrecords: the leading marker is negative if another subrecord follows, the trailing one if another came before.
 
 Theory: ``docs/theory/grid_files.rst``.
 """
@@ -31,7 +30,7 @@ _LOST_EXPONENT = re.compile(rb"([0-9.])([+-])")
 
 _FREE_EXPANSION = 2**23
 _EXPANSION_PER_BYTE = 1000
-"""Repeats may give ``2**23 + 1000 len(text)`` numbers: more than a grid needs, little enough for memory."""
+"""Repeats may give ``2**23 + 1000 len(text)`` numbers: more than a grid needs, but few enough for memory."""
 
 
 def is_text(data: bytes) -> bool:
@@ -42,11 +41,11 @@ def is_text(data: bytes) -> bool:
 def parse_numbers(
     data: bytes,  # the text
     source: str,  # its name, for messages
-    n_lines: int = 0,  # lines before the text, where it is a part of one
+    n_lines: int = 0,  # lines before the text, if it is a part
 ) -> np.ndarray:  # (n,), the numbers; NaN and infinities are kept
     """Read all numbers of a list-directed text."""
     # Blanks, line ends, commas and semicolons separate; ``3*0.5`` repeats; ``1.5D-3``, ``1.5Q-3`` and ``1.5-103`` are
-    # exponents; what follows ``#`` or ``!`` on a line is a comment.
+    # exponents; text after ``#`` or ``!`` on a line is a comment.
     data = data.rstrip(b"\x00\x1a")
     data = _COMMENT.sub(b"", data) if _has_comments(data) else data
     if data.translate(None, _SEPARATORS + _NUMBERS):
@@ -75,7 +74,7 @@ def scan_text(
     data: StoredBytes,  # the text
     source: str,  # its name, for messages
 ) -> TextNumbers:
-    """Pass over a text and count the numbers in each part of it."""
+    """Scan a text and count the numbers in each part of it."""
     parse, start, n_lines, n_numbers, n_comments = partial(_parse_part, source), 0, 0, 0, 0
     starts, lines, ends = [0], [], []
     while start < len(data):
@@ -118,11 +117,11 @@ def _token_starts(plain: bytes) -> np.ndarray:
 
 
 def _parse_plain(plain: bytes) -> np.ndarray:
-    """Numbers of a text separated by blanks; none where one cannot be read."""
+    """Numbers of a text separated by blanks; None if one cannot be read."""
     if not plain.strip():
         return np.empty(0)
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # what NumPy before 2.3 says of text that it cannot read
+        warnings.simplefilter("error", DeprecationWarning)  # raised by NumPy before 2.3 for unreadable text
         try:
             return np.fromstring(plain, dtype=np.float64, sep=" ")
         except (ValueError, DeprecationWarning):
@@ -154,7 +153,7 @@ def _repeat(values: np.ndarray, starts: np.ndarray, data: bytes, source: str, n_
 
 
 def _is_count(values: np.ndarray) -> np.ndarray:
-    """Mark positive whole numbers that a real holds exactly."""
+    """Mark positive whole numbers that a real stores exactly."""
     return (values >= 1) & (values < 2**53) & (np.floor(values) == values)
 
 
@@ -199,9 +198,9 @@ def split_records(
     byte_order: str,  # ``"<"`` or ``">"``
     marker_bytes: int,  # length of a marker, 4 or 8
 ) -> tuple[BinaryNumbers, list[int]] | None:
-    """Take the records of a file apart; of one on the disk the markers alone are read."""
-    # Returns payload: the payloads of all records, joined; lengths: length of every record's payload, in bytes. None is
-    # returned in place of both where the markers do not match up to the end of the file.
+    """Split a file into its records; of a file on disk only the markers are read."""
+    # Returns payload: the payloads of all records, joined; lengths: length of every record's payload, in bytes. Both
+    # are None if the markers do not match up to the end of the file.
     starts: list[int] = []
     sizes: list[int] = []
     lengths: list[int] = []
@@ -225,7 +224,7 @@ def split_records(
 def _subrecord(
     data: bytes | StoredBytes, start: int, byte_order: str, marker_bytes: int
 ) -> tuple[int, bool, bool] | None:
-    """Bytes of the payload at ``start``, whether another follows, whether one came before; None where it is none."""
+    """Bytes of the payload at ``start``, whether another follows, whether one came before; None if invalid."""
     before = _marker(data, start, byte_order, marker_bytes)
     if before is None or before == 0 or abs(before) > len(data):
         return None
@@ -236,7 +235,7 @@ def _subrecord(
 
 
 def _marker(data: bytes | StoredBytes, start: int, byte_order: str, marker_bytes: int) -> int | None:
-    """Read a marker; None where the file ends in it."""
+    """Read a marker; None if the file ends in it."""
     raw = data[start : start + marker_bytes]
     if len(raw) < marker_bytes:
         return None

@@ -1,6 +1,7 @@
 """Curved hexahedra as a mesh file of Gmsh, format 4.1, written through meshio.
 
-The volume is the physical group ``fluid``, and every patch one of surfaces. Theory: ``docs/theory/high_order.rst``.
+The volume is the physical group ``fluid``, and every patch is a group of surfaces. Theory:
+``docs/theory/high_order.rst``.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ QUADRANGLES = {1: "quad", 2: "quad9", 3: "quad16", 4: "quad25"}
 _EDGES = [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15]
 _FACES_AND_CENTRE = [22, 23, 21, 24, 20, 25, 26]
 _VTK_OF_27 = np.array(_EDGES + _FACES_AND_CENTRE)
-"""Nodes of Gmsh's hexahedron of 27 in the order of VTK, in which meshio takes them; others stay as they are."""
+"""Nodes of Gmsh's hexahedron of 27 in the order of VTK, which meshio expects; others stay the same."""
 
 
 def write_msh(
-    path: str | os.PathLike,  # the file to make or replace
+    path: str | os.PathLike,  # the file to create or replace
     grid: CurvedGrid,  # the elements
 ) -> None:
     """Write curved hexahedra as a binary mesh of Gmsh, whole or not at all."""
@@ -54,7 +55,7 @@ def write_msh(
 
 
 def _owners(grid: CurvedGrid) -> np.ndarray:
-    """Dimension and tag of the surface that each node is on first, or of the volume; shape (n_nodes, 2)."""
+    """Dimension and tag of the first surface of each node, or of the volume; shape (n_nodes, 2)."""
     owners = np.tile([3, 1], (len(grid.nodes), 1))
     for number in range(len(grid.patches), 0, -1):
         owners[grid.patches[number - 1].faces] = 2, number

@@ -1,6 +1,6 @@
-"""Where most nodes of a grid are, how far it reaches, and how its cells grow from a face, for guesses at patches.
+"""The middle of the nodes of a grid, its extent, and the growth of its cells from a face, for guesses at patches.
 
-Nothing here depends on where the grid is, how it is turned or mirrored, or on its unit.
+Nothing here depends on the position, orientation, handedness or unit of the grid.
 
 Theory: ``docs/theory/grid_files.rst``.
 """
@@ -21,22 +21,22 @@ _NODES_SAMPLED = 100_000  # enough for the middle, which need not be exact
 
 STEPS = 20
 """Steps of reweighting. They are few: a grid one cell deep may have two likeliest locations, one in each of its planes,
-between which round-off would choose after some fifty steps."""
+between which round-off would choose after about fifty steps."""
 
 NARROW = 0.05
-"""Scale of the Cauchy distribution of nodes about their middle, as a part of the largest distance from their mean."""
+"""Scale of the Cauchy distribution of nodes about their middle, relative to the largest distance from their mean."""
 
 
 @dataclass(frozen=True)
 class GridFrame:
-    """Extent of a grid and where most of its nodes are."""
+    """Extent of a grid and the middle of its nodes."""
 
     middle: np.ndarray  # (3,), where most nodes are (m)
     radius: float  # distance of the farthest node from there (m)
 
     @classmethod
     def of(cls, grid: Grid) -> GridFrame:
-        """Measure a grid; its middle is judged from nodes spread over it."""
+        """Measure a grid; its middle is estimated from nodes spread over it."""
         step = 1 + grid.n_nodes // _NODES_SAMPLED
         return cls._of_sample(np.concatenate([block.nodes.reshape(-1, 3)[::step] for block in grid.blocks]))
 
@@ -51,13 +51,13 @@ class GridFrame:
         return cls(middle, float(lengths(sample - middle).max()))
 
     def distance(self, nodes: np.ndarray) -> float:
-        """Smallest distance of nodes (..., 3) from the middle, as a part of the radius."""
+        """Smallest distance of nodes (..., 3) from the middle, relative to the radius."""
         return float(lengths(nodes - self.middle).min() / self.radius)
 
 
 def _middle(points: np.ndarray) -> np.ndarray:
     """Likely location of the Cauchy distribution of points, shape (n, 3), by steps of reweighting from their mean."""
-    # Medians by coordinates depend on the axes; the point of the least sum of distances is drawn away by the far field.
+    # Medians by coordinates depend on the axes; the far field attracts the point of the smallest sum of distances.
     middle = points.mean(axis=0)
     radius = lengths(points - middle).max()
     for _ in range(STEPS):
@@ -68,7 +68,7 @@ def _middle(points: np.ndarray) -> np.ndarray:
 
 
 def first_cells(grid: Grid, window: Window) -> float | None:
-    """Median height of the first cells at a window by the mean of their grid lines; None in blocks of few cells."""
+    """Median height of the first cells at a window relative to the mean of their grid lines; None for few cells."""
     nodes = grid.blocks[window.block].nodes
     flat = [d for d in range(3) if window.lo[d] == window.hi[d]]
     axis = max(flat, key=lambda d: nodes.shape[d])

@@ -1,6 +1,6 @@
-"""Folders of one process alone, which are known as left behind once it has ended, however that came about.
+"""Folders private to one process, which can be recognised as left behind once it has ended, for whatever reason.
 
-Each has a name that nobody can foresee, and a lock, which the system gives back when its process ends.
+Each has an unpredictable name, and a lock that the system releases when its process ends.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # Windows, where what is left behind stays
+except ImportError:  # Windows, where folders left behind stay
     fcntl = None  # type: ignore[assignment]
 
 __all__ = ["LOCK", "is_left_behind", "is_of_this_user", "locked_folder", "take"]
@@ -21,8 +21,8 @@ LOCK = "lock"
 
 
 def locked_folder(parent: Path, prefix: str, suffix: str = "") -> tuple[Path, int]:
-    """Make a folder that this user alone can enter, and lock it; returns it and the open lock."""
-    # Another process may take it for left behind before it is locked; there is another name then.
+    """Create a folder that only this user can enter, and lock it; return it and the open lock."""
+    # Another process may consider it left behind before it is locked; then another name is tried.
     while True:
         folder = Path(tempfile.mkdtemp(suffix, prefix, parent))
         try:
@@ -38,7 +38,7 @@ def locked_folder(parent: Path, prefix: str, suffix: str = "") -> tuple[Path, in
 
 
 def take(lock: int) -> bool | None:
-    """Lock an open file: False where another process has locked it, None where there are no locks."""
+    """Lock an open file: False if another process has locked it, None if there are no locks."""
     if fcntl is None:
         return None
     try:
@@ -51,12 +51,12 @@ def take(lock: int) -> bool | None:
 
 
 def is_of_this_user(folder: Path) -> bool:
-    """Whether a folder is of the user of this process, and no link to one."""
+    """Whether a folder belongs to the user of this process, and is not a link to one."""
     return not folder.is_symlink() and (fcntl is None or folder.stat().st_uid == os.geteuid())
 
 
 def is_left_behind(folder: Path, is_certain: bool = False) -> bool:
-    """Whether a folder of this user is locked by no process, as far as is known or, with locks, for certain."""
+    """Whether no process has locked a folder of this user, as far as known or, with locks, for certain."""
     if not is_of_this_user(folder):
         return False
     try:

@@ -1,6 +1,6 @@
-"""A guess at what the markers of a mesh without structure are: what the file says, their names, and their places.
+"""A guess at the kinds of the markers of an unstructured mesh: from the file, their names, and their places.
 
-Words and measures are those of `patch_guess` for structured grids.
+Words and measures are as in `patch_guess` for structured grids.
 
 Theory: ``docs/theory/grid_files.rst``.
 """
@@ -32,23 +32,23 @@ from .patch_guess import kind_of_name
 __all__ = ["MARKER_KINDS", "MarkerGuess", "guess_kinds", "kind_of_words"]
 
 MARKER_KINDS = ("wall", "symmetry", "farfield", "periodic", "inner", "sliding", "other")
-"""What markers can be: bodies, planes of symmetry, what fluid passes through, periodic sides, faces inside the mesh or
-between its zones, surfaces that nodes slide on, and others."""
+"""Kinds of markers: bodies, planes of symmetry, boundaries that fluid passes through, periodic sides, faces inside the
+mesh or between its zones, surfaces on which nodes slide, and others."""
 
 PIECE = 1 << 18
-"""Faces whose corners are gathered at once: those of 10 million cells are 5 gigabytes."""
+"""Faces whose corners are gathered at once: for 10 million cells, all would be 5 gigabytes."""
 
 FLAT = 1e-6
-"""Part of the size of a mesh by which a plane may be out of it: files of single precision round so far."""
+"""Distance of nodes from a plane, relative to the size of a mesh, that counts as rounding of single precision."""
 
 CELLS = "those of most cells"
 """What the heights of first cells are compared with."""
 
 MOST_PLANES = 6
-"""Planes that a marker may be of: as many as a box has sides."""
+"""Largest number of planes of a marker: as many as a box has sides."""
 
 NEARLY = 1e-3
-"""Part of one by which normals of faces of a plane may differ, and of the size of the mesh by which heights may."""
+"""Largest difference of unit normals of faces of a plane, and of their heights relative to the size of the mesh."""
 
 _KIND_OF_TYPE = {
     "wall": "wall",
@@ -64,7 +64,7 @@ _KIND_OF_TYPE = {
     OVERSET_TYPE: "inner",
     PERIODIC_TYPE: "periodic",
 }
-"""Kinds by OpenFOAM's types of patches, where ``patch`` says nothing, and by what CGNS says beside its conditions."""
+"""Kinds by OpenFOAM's types of patches, of which ``patch`` says nothing, and by CGNS's further types."""
 
 _WALL_WORDS = """
     wall wing airfoil aerofoil body fuselage blade hub shroud cylinder sphere naca heated isothermal adiabatic flap slat
@@ -80,7 +80,7 @@ _OTHER_WORDS = {
 _KIND_OF_WORD = dict.fromkeys(_WALL_WORDS.split(), "wall") | {
     word: kind for kind, words in _OTHER_WORDS.items() for word in words.split()
 }
-"""Kinds by words that names are made of, beside those that names begin with, see `kind_of_name`."""
+"""Kinds by words in names, besides the beginnings of names, see `kind_of_name`."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +92,9 @@ class MarkerGuess(OneLine):
     kind : str
         One of ``wall``, ``symmetry``, ``farfield``, ``periodic``, ``inner`` or ``other``.
     sure : str
-        How sure that is: ``sure``, ``likely`` or ``unsure``.
+        Certainty: ``sure``, ``likely`` or ``unsure``.
     why : str
-        Why, in words.
+        The reason, in words.
 
     Examples
     --------
@@ -114,12 +114,12 @@ def guess_kinds(mesh: MixedMesh, known: Mapping[str, MarkerGuess] | None = None)
     Parameters
     ----------
     mesh : MixedMesh
-        The mesh. What its file says of a marker counts first, then where the faces are inside the mesh, then names,
-        then rotations that lay two markers onto each other which look at each other, and at last places: a plane side
-        in which walls end at right angles is symmetry, what keeps away from where most nodes are is a far field, and
-        what is near is a wall unless it is a plane side of the mesh.
+        The mesh. What its file says about a marker counts first, then whether its faces are inside the mesh, then its
+        name, then rotations that map two markers that face each other, and finally places: a planar side in which walls
+        end at right angles is symmetry, a marker far from most nodes is a far field, and a near one is a wall unless it
+        is a planar side of the mesh.
     known : mapping of str to MarkerGuess, optional
-        Markers that are known already, and tell something of the others.
+        Markers that are known already, as evidence for the others.
 
     Returns
     -------
@@ -153,7 +153,7 @@ def guess_kinds(mesh: MixedMesh, known: Mapping[str, MarkerGuess] | None = None)
 
 
 def kind_of_words(name: str) -> str:
-    """Kind that the words of a name stand for; ``other`` where they say nothing, or say different things."""
+    """Kind for the words of a name; ``other`` if they say nothing, or contradict each other."""
     parts = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
     said = {kind for part in parts if (kind := _KIND_OF_WORD.get(part.lower()))}
     said = said or {kind for part in parts if (kind := _KIND_OF_WORD.get(part.lower().rstrip("s")))}
@@ -169,7 +169,7 @@ def _by_words(name: str, places: _Places) -> MarkerGuess | None:
     n_outer, n_inner = places.counts(name)
     if not n_outer + n_inner:
         return MarkerGuess("other", "unsure", "none of its faces is one of a cell")
-    if not n_outer and named == "periodic":  # older files of SU2 have copies of the cells beyond
+    if not n_outer and named == "periodic":  # older SU2 files have copies of the cells beyond
         return MarkerGuess("periodic", "likely", "by its name; its faces have cells on both sides")
     if not n_outer:
         is_doubtful = "wall" in (of_type, named)
@@ -185,7 +185,7 @@ def _by_words(name: str, places: _Places) -> MarkerGuess | None:
 
 
 def _side(name: str, places: _Places, walls: list[str]) -> MarkerGuess:
-    """Guess at a plane side of the mesh."""
+    """Guess at a planar side of the mesh."""
     if not walls:
         return MarkerGuess("other", "unsure", "a plane side, and no marker is known to be a wall")
     if any(places.ends_upright(wall, name) for wall in walls):
@@ -197,7 +197,7 @@ def _side(name: str, places: _Places, walls: list[str]) -> MarkerGuess:
 
 
 class _Places:
-    """Where the markers of a mesh are."""
+    """Places of the markers of a mesh."""
 
     def __init__(self, mesh: MixedMesh) -> None:
         self.mesh = mesh
@@ -210,12 +210,12 @@ class _Places:
 
     @cached_property
     def _faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-        """Keys of faces at markers, sorted, how often each is there, heights of cells above, and the usual height."""
+        """Keys of faces at markers, sorted, how often each occurs, heights of cells above, and the usual height."""
         faces, cells = self.mesh.cell_faces
         volumes, areas = self.mesh.quality().volumes, np.empty(len(faces))
         for k in range(0, len(faces), PIECE):
             areas[k : k + PIECE] = np.linalg.norm(area_vectors(self.mesh.points[faces[k : k + PIECE]]), axis=1)
-        if self.mesh.n_copies == 2:  # faces in the two planes of a section say nothing of its cells
+        if self.mesh.n_copies == 2:  # faces in the two planes of a section say nothing about its cells
             is_upper = faces >= self.mesh.n_stored
             areas[is_upper.all(axis=1) | ~is_upper.any(axis=1)] = 0.0
         largest = np.zeros(len(volumes))
@@ -233,7 +233,7 @@ class _Places:
         return (self.mesh.markers or {})[name]
 
     def _rows(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Faces of cells that the faces of a marker are, and which of its faces these are."""
+        """Faces of cells that match faces of a marker, and which of its faces these are."""
         keys = self._faces[0]
         wanted = face_keys(self._of(name), self.mesh.n_points)
         rows = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
@@ -246,16 +246,16 @@ class _Places:
         return int((n_cells == 1).sum()), int((n_cells > 1).sum())
 
     def distance(self, name: str) -> float:
-        """Least distance of a marker from the middle, as a part of that of the farthest node."""
+        """Smallest distance of a marker from the middle, relative to the farthest node."""
         return self._frame.distance(self.mesh.points[np.unique(self._of(name) % self.mesh.n_stored)])
 
     def part(self, name: str) -> float | None:
-        """Height of the cells at a marker by that of most cells."""
+        """Height of the cells at a marker relative to most cells."""
         rows, usual = self._rows(name)[0], self._faces[3]
         return float(np.median(self._faces[2][rows]) / usual) if len(rows) and usual > 0.0 else None
 
     def planes(self, name: str) -> list[tuple[np.ndarray, float, float]]:
-        """Unit normal of each plane that a marker is of, and the least and largest height along it; none if curved."""
+        """Unit normal of each plane of a marker, and the smallest and largest height along it; none if curved."""
         faces = self._of(name)
         found: list[tuple[np.ndarray, float, float]] = []
         areas, middles = area_vectors(self.mesh.points[faces]), self.mesh.points[faces].mean(axis=1)
@@ -267,7 +267,7 @@ class _Places:
             normal = areas[first] / sizes[first]
             along, off = areas @ normal, (middles - middles[first]) @ normal
             is_near = (np.abs(along) >= (1.0 - NEARLY) * sizes) & (np.abs(off) <= NEARLY * self.size)
-            normal = np.sign(along[is_near]) @ areas[is_near]  # faces may look to either side
+            normal = np.sign(along[is_near]) @ areas[is_near]  # faces may face either side
             normal = normal / np.linalg.norm(normal)
             heights = self.mesh.points[faces] @ normal
             level = float(np.median(heights[is_near]))
@@ -279,12 +279,12 @@ class _Places:
         return [] if len(faces) else found
 
     def turned(self, names: Sequence[str]) -> dict[str, tuple[str, Motion]]:
-        """Markers that a rotation lays onto others, their partners and the rotations; none in a layer of a section."""
+        """Markers that a rotation maps onto others, their partners and the rotations; none in a layer of a section."""
         outer = [name for name in names if self.mesh.n_copies == 1 and not self.counts(name)[1]]
         return turned_markers(self.mesh, {name: bool(self.planes(name)) for name in outer})
 
     def is_side(self, name: str) -> bool:
-        """Whether a marker is of one plane, with all of the mesh on one side of it."""
+        """Whether a marker is one plane, with all of the mesh on one side of it."""
         planes = self.planes(name)
         if len(planes) != 1:
             return False

@@ -1,7 +1,7 @@
-"""Kinds of the markers of a mesh without structure: declared in a patches file, and guessed where it says nothing.
+"""Kinds of the markers of an unstructured mesh: declared in a patches file, and guessed where it says nothing.
 
-The file is that of structured grids, of which meshes take the table of kinds by names or patterns; the first pattern
-that fits counts::
+The file is the same as for structured grids; for meshes, the table of kinds by names or patterns is used, and the first
+pattern that fits counts::
 
     [kinds]
     "wing*" = "wall"            # wall, symmetry, farfield, periodic, inner, sliding or other
@@ -50,7 +50,7 @@ def read_kinds(path: str | os.PathLike, mesh: MixedMesh) -> dict[str, str]:
     Raises
     ------
     InputError
-        If the file cannot be read, names what the mesh does not have, or a kind is unknown.
+        If the file cannot be read, names missing markers, or a kind is unknown.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def marker_kinds(mesh: MixedMesh, patches: str | os.PathLike | None = None) -> d
     Raises
     ------
     InputError
-        As for `read_kinds`.
+        As in `read_kinds`.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def marker_kinds(mesh: MixedMesh, patches: str | os.PathLike | None = None) -> d
 
 
 def undecided(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess]) -> str:
-    """Say what has to be declared before a mesh can be moved; empty where nothing has."""
+    """Say what must be declared before a mesh can be moved; empty if nothing must."""
     if not kinds:
         return f"{mesh.source}: has no markers, so nothing says what moves; write it with markers of its boundary"
     if not any(guess.kind == "wall" for guess in kinds.values()):
@@ -156,5 +156,5 @@ def draft_kinds(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess]) -> str:
 
 
 def _escaped(name: str) -> str:
-    """A pattern that a name alone fits."""
+    """A pattern that fits only one name."""
     return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in name)

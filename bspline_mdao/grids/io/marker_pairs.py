@@ -1,4 +1,4 @@
-"""Markers of a mesh that a rotation lays onto each other: periodic sides, as they look at each other.
+"""Markers of a mesh that a rotation maps onto each other: periodic sides, which face each other.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -21,9 +21,9 @@ __all__ = ["inward_directions", "turned_markers", "turned_sides"]
 def turned_sides(
     mesh: MixedMesh,
     side: np.ndarray,  # int (n_faces, 4), faces of a marker
-    other: np.ndarray,  # int (n_others, 4), those of another
+    other: np.ndarray,  # int (n_others, 4), faces of another
 ) -> tuple[np.ndarray, Motion] | None:
-    """Pairs of nodes of two markers, shape (n, 2), that are copies by a rotation, and the rotation; None if by none."""
+    """Pairs of nodes of two markers, shape (n, 2), that are copies by a rotation, and the rotation; else None."""
     rows, others = np.unique(side), np.unique(other)
     inwards = inward_directions(mesh, np.concatenate([side, other]))
     size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
@@ -34,7 +34,7 @@ def turned_sides(
 
 
 def inward_directions(mesh: MixedMesh, faces: np.ndarray) -> np.ndarray:
-    """Directions into the mesh at its nodes, shape (n_points, 3): zero but at nodes of faces with cells on one side."""
+    """Directions into the mesh at its nodes, shape (n_points, 3): zero except at faces with cells on one side."""
     faces, found = mesh.into_fluid(faces), np.zeros_like(mesh.points)
     np.add.at(found, faces.ravel(), np.repeat(area_vectors(mesh.points[faces]), 4, axis=0))
     return found
@@ -42,9 +42,9 @@ def inward_directions(mesh: MixedMesh, faces: np.ndarray) -> np.ndarray:
 
 def turned_markers(
     mesh: MixedMesh,
-    markers: Mapping[str, bool],  # those among which pairs are looked for, and whether each is a plane
+    markers: Mapping[str, bool],  # markers to search, and whether each is a plane
 ) -> dict[str, tuple[str, Motion]]:  # partner of each that has one, and the rotation onto it
-    """Find pairs of markers; planes count for rotations other than by right angles, which lay those of boxes too."""
+    """Find pairs of markers; planes only count for rotations by other than right angles, which map boxes too."""
     faces = {name: (mesh.markers or {})[name] for name in markers}
     counts = {name: len(np.unique(of)) for name, of in faces.items()}
     found: dict[str, tuple[str, Motion]] = {}

@@ -1,4 +1,4 @@
-"""Meshes without structure as OpenFOAM's ``polyMesh``: faces in its order, of cells that were read from other files.
+"""Unstructured meshes as OpenFOAM's ``polyMesh``: faces in its order, from cells that were read from other files.
 
 Format: ``docs/theory/grid_files.rst``.
 """
@@ -17,10 +17,10 @@ from .openfoam import PolyMesh, foam_name
 __all__ = ["polymesh_of"]
 
 PLANES = ("plane_1", "plane_2")
-"""Patches for the two planes of a mesh whose file is of two dimensions."""
+"""Patches for the two planes of a mesh from a two-dimensional file."""
 
 UNASSIGNED = "unassigned"
-"""Patch for boundary of no marker."""
+"""Patch for boundary without a marker."""
 
 
 def polymesh_of(
@@ -36,7 +36,7 @@ def polymesh_of(
         raise InputError(f"{mesh.source}: a face has three cells; see to the mesh")
     pairs = np.stack([order[:-1][is_same], order[1:][is_same]], axis=1)
     is_higher = cells[pairs[:, 0]] > cells[pairs[:, 1]]
-    pairs[is_higher] = pairs[is_higher][:, ::-1]  # the face as the lower cell sees it points out of that
+    pairs[is_higher] = pairs[is_higher][:, ::-1]  # the face as seen from the lower cell points out of it
     pairs = pairs[np.lexsort((cells[pairs[:, 1]], cells[pairs[:, 0]]))]
     is_edge = np.ones(len(keys), dtype=bool)
     is_edge[pairs] = False

@@ -3,9 +3,9 @@
 A grid is a folder ``polyMesh`` with points, faces, owner, neighbour and boundary; a case has it in ``constant``, fields
 in ``0``, and dictionaries of settings in ``constant`` and ``system``.
 
-Each shared node is written once. Faces with repeated corners become triangles, those that have collapsed are left out,
-and what remains is in OpenFOAM's order: inner faces by owner and neighbour, the owner being the lower cell, then
-patch after patch.
+Each shared node is written once. Faces with repeated corners become triangles, collapsed faces are left out, and the
+rest is in OpenFOAM's order: inner faces by owner and neighbour, the owner being the lower cell, then patch after
+patch.
 
 Format: ``docs/theory/grid_files.rst``.
 """
@@ -36,25 +36,24 @@ Planes = Literal["symmetry", "symmetryPlane", "empty"]
 """OpenFOAM's types for patches of kind ``symmetry``."""
 
 _HEAD = "FoamFile\n{{\n    version 2.0;\n    format ascii;\n    class {};\n{}    object {};\n}}\n\n"
-_CHUNK = 100_000  # lines that are put into words at once
-_NO_WORD = re.compile(r"[^\x21-\x7e]|[\"'/;{}()$#]")  # what a name cannot hold in OpenFOAM's dictionaries
+_CHUNK = 100_000  # lines that are formatted at once
+_NO_WORD = re.compile(r"[^\x21-\x7e]|[\"'/;{}()$#]")  # not allowed in names of OpenFOAM's dictionaries
 
 
 def write_polymesh(folder: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
     """Write a grid for OpenFOAM.
 
-    Patches of kind ``wall`` and ``symmetry`` get the type of that name, all others the type ``patch``; boundary that
-    nothing is declared of is the patch ``unassigned``. Characters that OpenFOAM does not take in a name become ``_``.
+    Patches of kind ``wall`` and ``symmetry`` get the type of that name, all others the type ``patch``; undeclared
+    boundary is the patch ``unassigned``. Characters that OpenFOAM does not accept in a name become ``_``.
 
     Parameters
     ----------
     folder : path-like
-        The folder to make, or to replace the mesh of: usually ``constant/polyMesh`` of a case.
+        The folder to create, or whose mesh to replace: usually ``constant/polyMesh`` of a case.
     grid : Grid
         The grid.
     topology : Topology, optional
-        How its blocks are joined, found from its nodes by default. Give that of the baseline for a grid that was
-        moved.
+        The topology, found from the nodes by default. Pass the baseline's for a moved grid.
 
     Raises
     ------
@@ -83,12 +82,12 @@ class CaseField(OneLine):
     Parameters
     ----------
     dimensions : str
-        Exponents of its unit as OpenFOAM writes them, such as ``"[1 -1 -2 0 0 0 0]"`` of a pressure.
+        Exponents of its unit as OpenFOAM writes them, such as ``"[1 -1 -2 0 0 0 0]"`` for a pressure.
     value : float or sequence of three floats
-        What it begins with in all cells: a scalar or a vector.
+        Initial value in all cells: a scalar or a vector.
     conditions : mapping of str to str
-        Entries of the patches of each kind, such as ``{"wall": "type zeroGradient;"}``; those under ``"other"`` are for
-        all kinds that are not named, and for the patch ``unassigned``.
+        Entries of the patches of each kind, such as ``{"wall": "type zeroGradient;"}``; ``"other"`` applies to all
+        kinds that are not named, and to the patch ``unassigned``.
 
     Examples
     --------
@@ -110,21 +109,20 @@ def write_case(
     topology: Topology | None = None,
     planes: Planes = "symmetry",
 ) -> None:
-    """Write a case for OpenFOAM: the grid, fields to start from, and settings.
+    """Write a case for OpenFOAM: the grid, initial fields, and settings.
 
     Parameters
     ----------
     folder : path-like
-        The case to make, or to replace these files of.
+        The case to create, or whose files to replace.
     grid : Grid
         The grid, which becomes ``constant/polyMesh``, see `write_polymesh`.
     fields : mapping of str to CaseField
-        Fields by their names, such as ``"p"`` and ``"U"``, which become the files of ``0``.
+        Fields by name, such as ``"p"`` and ``"U"``, which become the files of ``0``.
     settings : mapping of str to str
-        Text of dictionaries by their places, such as ``"system/controlDict"``; the head is written for them.
+        Text of dictionaries by place, such as ``"system/controlDict"``; their headers are added.
     topology : Topology, optional
-        How the blocks are joined, found from the nodes by default. Give that of the baseline for a grid that was
-        moved.
+        The topology, found from the nodes by default. Pass the baseline's for a moved grid.
     planes : {"symmetry", "symmetryPlane", "empty"}
         OpenFOAM's type of patches of kind ``symmetry``. A grid one cell deep between two such planes is solved in two
         dimensions as ``empty``; the fields need ``type empty;`` there.
@@ -132,8 +130,8 @@ def write_case(
     Raises
     ------
     InputError
-        As `write_polymesh`; or if a field has no condition for a patch, is neither scalar nor vector, a dictionary
-        has no place below the case, or planes are ``empty`` where cells do not lie one deep between them. Nothing is
+        As in `write_polymesh`; or if a field has no condition for a patch, is neither scalar nor vector, a dictionary
+        has no place below the case, or planes are ``empty`` but cells do not lie one deep between them. Nothing is
         written then.
 
     Examples
@@ -158,18 +156,18 @@ class PolyMesh:
     """Faces in OpenFOAM's order between the cells of a multi-block grid."""
 
     points: np.ndarray  # (n_points, 3), each shared node once (m)
-    corners: np.ndarray  # (n_faces, 4) of int, points of each face, in turn; the area vector points out of the owner
+    corners: np.ndarray  # (n_faces, 4) of int, points of each face, in order; the area vector points out of the owner
     is_corner: np.ndarray  # (n_faces, 4) of bool, false for corners that repeat the next one
     # owner, neighbour: (n_faces,) and (n_inner,) of int, cells on both sides, numbered as in `CellFaces`
     owner: np.ndarray
     neighbour: np.ndarray
     boundary: tuple[BoundaryFaces, ...]  # the patches, with their names in OpenFOAM
-    rows: np.ndarray  # (n_points,) of int, node that each point is
+    rows: np.ndarray  # (n_points,) of int, node of each point
 
     @classmethod
     def of(
         cls,
-        topology: Topology,  # how its blocks are joined
+        topology: Topology,  # topology of its blocks
         nodes: np.ndarray,  # (n_nodes, 3), its nodes (m)
     ) -> PolyMesh:
         """Order the faces of a grid."""
@@ -195,12 +193,12 @@ class PolyMesh:
         )
 
     def at(self, nodes: np.ndarray) -> PolyMesh:
-        """Take other nodes, shape (n_nodes, 3) (m)."""
+        """Take new nodes, shape (n_nodes, 3) (m)."""
         return replace(self, points=nodes[self.rows])
 
     def write(
         self,
-        folder: str | os.PathLike,  # the folder, made if need be
+        folder: str | os.PathLike,  # the folder, created if needed
         planes: Planes = "symmetry",  # type of patches of kind symmetry
     ) -> None:
         """Write the five files, all or none."""
@@ -240,7 +238,7 @@ class PolyMesh:
         put_texts(folder, texts)
 
     def require_depth(self, planes: Planes) -> None:
-        """Refuse types that there are not, and ``empty`` for planes that do not have every cell between them."""
+        """Refuse unknown types, and ``empty`` for planes that do not have every cell between them."""
         if planes not in get_args(Planes):
             raise InputError(f"OpenFOAM: planes of type '{planes}'; give one of {', '.join(get_args(Planes))}")
         n_faces = sum(patch.stop - patch.start for patch in self.boundary if patch.kind == "symmetry")
@@ -263,7 +261,7 @@ class PolyMesh:
         }
 
     def _note(self) -> str:
-        """Sizes, which OpenFOAM's tools read at the head of owner and neighbour."""
+        """Sizes, which OpenFOAM's tools read in the header of owner and neighbour."""
         n_cells = int(self.owner.max()) + 1
         sizes = f"nPoints:{len(self.points)} nCells:{n_cells} nFaces:{len(self.owner)}"
         return f'    note "{sizes} nInternalFaces:{len(self.neighbour)}";\n'
@@ -302,7 +300,7 @@ def foam_name(name: str) -> str:
 
 
 def _kept(cells: CellFaces, has_area: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Inner faces in order of the lower and then the higher cell, and boundary faces, without those to leave out."""
+    """Inner faces in order of the lower and then the higher cell, and boundary faces, without collapsed ones."""
     left, right = cells.left[: cells.n_inner], cells.right
     order = np.lexsort((np.maximum(left, right), np.minimum(left, right)))
     is_between = has_area[: cells.n_inner] & (left != right)  # a cell closed on itself has no face there

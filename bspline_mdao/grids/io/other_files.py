@@ -1,6 +1,6 @@
-"""Files that hold no structured grid: what they are, and what can be done with them.
+"""Files without a structured grid: what they are, and what can be done with them.
 
-PLOT3D has no signature, so that whatever is of no other format is taken for it; files that are known to be none are
+PLOT3D has no signature, so files of no other format are taken for it. Files that are known to be something else are
 named here instead.
 """
 
@@ -28,14 +28,14 @@ _OTHERS = (
     (rb"ISO-10303-21", "is a CAD file ({}), of surfaces without a grid; {}", "STEP"),
     (rb"SQLite format 3", "is {} of an optimisation; {}; 'bspline-mdao report {}' shows it", "a case file"),
 )
-"""How files begin, what is said of them, and the name in it."""
+"""Beginnings of files, the message about them, and the name in it."""
 
 
 def head_of_grid(
     path: str | os.PathLike,  # the file
-    n_bytes: int,  # how many
+    n_bytes: int,  # their number
 ) -> bytes:
-    """Read the first bytes of a file that may hold a structured grid."""
+    """Read the first bytes of a file that may contain a structured grid."""
     advice = f"give a {read_names()} grid"
     if Path(path).name == POLYMESH and Path(path).is_dir():
         raise InputError(f"{path}: {_MESH.format('an OpenFOAM', advice, path)}")

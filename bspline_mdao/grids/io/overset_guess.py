@@ -1,7 +1,7 @@
-"""Faces that are overset: outer boundaries of component grids inside others, by blanking or by where they are.
+"""Overset faces: outer boundaries of component grids inside others, found by blanking or by place.
 
-A wall inside the box of cells around it lies inside another grid as well: its first cells tell it apart, which are fine
-by those at the other end of their grid lines.
+A wall inside the box of cells around it also lies inside another grid. Its first cells distinguish it: they are fine
+relative to the other end of their grid lines.
 
 Theory: ``docs/theory/grid_files.rst``.
 """
@@ -22,11 +22,11 @@ from .patch_certainty import FINE, FaceGuess
 __all__ = ["OVERSET", "overlap_text", "with_overset"]
 
 OVERSET = "overset"
-"""Kind of such patches, and the name of those that are guessed."""
+"""Kind of such patches, and the name of guessed ones."""
 
 
 def with_overset(grid: Grid, topology: Topology, guesses: Sequence[FaceGuess]) -> tuple[FaceGuess, ...]:
-    """Find the overset ones among faces that were taken for walls or far fields; they come last."""
+    """Find overset faces among those taken for walls or far fields; they come last."""
     if component_numbers(topology).max() == 0:
         return tuple(guesses)
     doubtful = [guess for guess in guesses if guess.kind in ("wall", "farfield")]
@@ -38,7 +38,7 @@ def with_overset(grid: Grid, topology: Topology, guesses: Sequence[FaceGuess]) -
 
 
 def _judged(grid: Grid, guess: FaceGuess, is_inside: bool) -> FaceGuess:
-    """Guess at a face that lies inside other grids, or is blanked as one that does."""
+    """Guess at a face that lies inside other grids, or is blanked as such."""
     if is_fringe(grid, guess.window):
         return FaceGuess(guess.window, OVERSET, OVERSET, "sure", "its nodes are blanked as interpolated")
     if not is_inside:
@@ -52,7 +52,7 @@ def _judged(grid: Grid, guess: FaceGuess, is_inside: bool) -> FaceGuess:
 
 
 def _by_other_end(grid: Grid, window: Window) -> float | None:
-    """Height of the first cells at a face by that at the other end of their grid lines; None in blocks of few cells."""
+    """Height of the first cells at a face relative to the other end of their grid lines; None for few cells."""
     shape = grid.shapes[window.block]
     axis = max((d for d in range(3) if window.lo[d] == window.hi[d]), key=lambda d: shape[d])
     at = 0 if window.lo[axis] else shape[axis] - 1
@@ -62,7 +62,7 @@ def _by_other_end(grid: Grid, window: Window) -> float | None:
 
 
 def overlap_text(grid: Grid, topology: Topology, guesses: Sequence[FaceGuess]) -> str:
-    """Say that component grids overlap, and how that is known; empty where they do not."""
+    """Say that component grids overlap, and how this is known; empty if they do not."""
     declared = [patch.name for patch in grid.patches if patch.kind == OVERSET]
     found = [guess for guess in guesses if guess.kind == OVERSET]
     n_blanked = sum(guess.level == "sure" for guess in found)

@@ -1,4 +1,4 @@
-"""How sure a guess at a patch is: whether the place of its faces and the cells next to them say the same.
+"""Certainty of a guess at a patch: whether the place of its faces and the cells next to them agree.
 
 Theory: ``docs/theory/grid_files.rst``.
 """
@@ -14,19 +14,19 @@ from ..topology.periodic_pair import Motion
 __all__ = ["FAR", "FINE", "SURENESS", "Certainty", "FaceGuess", "how_sure", "place_of"]
 
 SURENESS = ("sure", "likely", "unsure")
-"""How sure a guess can be, the surest first."""
+"""Levels of certainty, the highest first."""
 
 FAR = 0.3
-"""A face is far field when all of it is further from the middle of the grid than this part of the farthest node."""
+"""A face is far field if all of it is farther from the middle than this fraction of the farthest node's distance."""
 
 FINE, COARSE = 0.5, 2.0
-"""First cells below and above these parts of the mean of their grid line are those of walls, and of far fields."""
+"""First cells below and above these fractions of the mean of their grid line belong to walls, and to far fields."""
 
 VERY_FINE = 0.2
-"""First cells below this part of the mean of their grid line are rarely those of a plane of symmetry."""
+"""First cells below this fraction of the mean of their grid line are rarely at a plane of symmetry."""
 
 CLEARLY = 1.5
-"""A face is clearly far, or near, where its distance is that many times the limit of far fields, or less by that."""
+"""A face is clearly far, or near, if its distance is the far-field limit times, or divided by, this factor."""
 
 LINES = "the mean of their lines"
 """What first cells of structured grids are compared with."""
@@ -37,26 +37,26 @@ class FaceGuess:
     """A guess at a face of the boundary."""
 
     window: Window  # the face
-    name: str  # name of the patch that it is taken for
+    name: str  # name of its guessed patch
     kind: str  # kind of that patch
-    level: str  # how sure the guess is: one of `SURENESS`
+    level: str  # certainty of the guess: one of `SURENESS`
     reason: str  # why
 
 
 @dataclass(frozen=True)
 class Certainty:
-    """How sure a guess is."""
+    """Certainty of a guess."""
 
-    level: str  # one of `SURENESS`: that of the face that is least so
-    reason: str  # why, of that face
+    level: str  # one of `SURENESS`, for the least certain face
+    reason: str  # why, for that face
     window: Window  # that face
-    n_windows: dict[str, int]  # how many faces are how sure
+    n_windows: dict[str, int]  # number of faces of each certainty
 
 
 def how_sure(
-    guesses: Sequence[FaceGuess],  # guesses, those of one name in a row
-) -> tuple[Certainty, ...]:  # one of each name, in their order
-    """Sum up how sure guesses are."""
+    guesses: Sequence[FaceGuess],  # guesses; those of one name are consecutive
+) -> tuple[Certainty, ...]:  # one for each name, in order
+    """Summarise the certainty of guesses."""
     found = []
     for name in dict.fromkeys(guess.name for guess in guesses):
         faces = [guess for guess in guesses if guess.name == name]
@@ -69,9 +69,9 @@ def how_sure(
 
 def judge_place(
     window: Window,  # the face
-    distance: float,  # its distance, as a part of the radius of the grid
-    # height of its first cells by the mean of their grid lines, which know nothing of its place: towards walls they are
-    # finer than elsewhere, as a rule, towards the far field coarser. None where there are few.
+    distance: float,  # its distance, relative to the radius of the grid
+    # height of its first cells relative to the mean of their grid lines, which is independent of its place: towards
+    # walls they are usually finer, towards the far field coarser. None if there are few.
     part: float | None,
 ) -> FaceGuess:
     """Guess whether a face is wall or far field."""
@@ -80,7 +80,7 @@ def judge_place(
 
 
 def place_of(distance: float, part: float | None, of: str = LINES) -> tuple[str, str, str]:
-    """Guess kind, level and reason from the distance from the middle, and ask the first cells; see `judge_place`."""
+    """Guess kind, level and reason from the distance from the middle, and check the first cells; see `judge_place`."""
     kind, far = ("farfield" if distance > FAR else "wall"), distance / FAR
     reason = f"{far:.2g} of the distance that is far" + _cells_text(part, of)
     is_fine, is_coarse = part is not None and part < FINE, part is not None and part > COARSE
@@ -101,7 +101,7 @@ def judge_symmetry(window: Window, name: str, part: float | None) -> FaceGuess:
 
 
 def judge_periodic(window: Window, name: str, motion: Motion) -> FaceGuess:
-    """Take a face for periodic: translations lay the sides of any duct onto each other, rotations few by chance."""
+    """Take a face for periodic: translations map the sides of any duct onto each other, rotations rarely by chance."""
     level = "likely" if motion.is_translation else "sure"
     return FaceGuess(window, name, "other", level, f"a {motion} lays it onto its partner")
 

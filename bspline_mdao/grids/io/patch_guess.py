@@ -59,10 +59,10 @@ _KIND_OF_PREFIX = {
 }
 
 ALIGNED = 1e-6
-"""Normals whose product leaves 1 by less than this are parallel: by some 0.08 deg."""
+"""Normals whose product differs from 1 by less than this are parallel: about 0.08 deg."""
 
 _KINDS = ("symmetry", "wall", "periodic", "farfield")
-"""What names of guessed patches begin with, in the order of the patches."""
+"""Beginnings of the names of guessed patches, in the order of the patches."""
 
 _HEADER = """Patches of {source}: a draft to be checked.
 Kinds: wall, symmetry, farfield, overset, other. Faces that are not named are free boundaries or found interfaces.
@@ -72,17 +72,7 @@ faces that a rotation or a translation lays onto each other, far field for dista
 
 
 def kind_of_name(name: str) -> str:
-    """Kind of the patch that a name in a neutral map file or of a CGNS family stands for.
-
-    Parameters
-    ----------
-    name : str
-        The name. ``BC`` before it, as in ``BC_WALL``, counts for nothing.
-
-    Returns
-    -------
-    str
-        The kind that the word begins with, ``"other"`` where it says nothing.
+    """Kind for the name of a patch in a neutral map file or of a CGNS family; ``BC`` before it is ignored.
 
     Examples
     --------
@@ -94,17 +84,17 @@ def kind_of_name(name: str) -> str:
 
 
 def with_guessed_patches(grid: Grid) -> Grid:
-    """Guess what the boundary of a grid is where nobody declared it.
+    """Guess the undeclared boundary of a grid.
 
     Parameters
     ----------
     grid : Grid
-        The grid, with patches or without.
+        The grid, with or without patches.
 
     Returns
     -------
     Grid
-        The grid with its patches, and with guessed ones on the rest of its boundary.
+        The grid with its patches, and with guessed patches on the rest of its boundary.
 
     Examples
     --------
@@ -120,10 +110,10 @@ def with_guessed_patches(grid: Grid) -> Grid:
 
 
 def guess_undeclared(
-    grid: Grid,  # the grid, with patches or without
+    grid: Grid,  # the grid, with or without patches
     topology: Topology,  # its topology
-) -> tuple[FaceGuess, ...]:  # see `guess_faces`; a name that a declared patch has gets ``_guessed`` behind it
-    """Guess what the boundary of a grid is where nobody declared it, under names that are free."""
+) -> tuple[FaceGuess, ...]:  # see `guess_faces`; names that are taken by declared patches get ``_guessed`` appended
+    """Guess the undeclared boundary of a grid, under unused names."""
     guesses = guess_faces(grid, [face.window for face in topology.boundary if face.patch is None])
     guesses = with_overset(grid, topology, guesses)
     taken = {patch.name for patch in grid.patches}
@@ -131,17 +121,17 @@ def guess_undeclared(
 
 
 def may_overlap(grid: Grid | StoredGrid, topology: Topology) -> bool:
-    """Whether a grid may be of component grids that overlap: it has several parts, or overset patches."""
+    """Whether a grid may consist of overlapping component grids: it has several parts, or overset patches."""
     return any(patch.kind == OVERSET for patch in grid.patches) or bool(component_numbers(topology).max() > 0)
 
 
 def overlap_of(grid: Grid, topology: Topology) -> str:
-    """Say that component grids overlap, as declared or as they are found, and how that is known; empty of others."""
+    """Say that component grids overlap, declared or found, and how this is known; empty if they do not."""
     return overlap_text(grid, topology, guess_undeclared(grid, topology)) if may_overlap(grid, topology) else ""
 
 
 def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
-    """Guess what boundary windows are: patches by what each of them looks like.
+    """Guess what boundary windows are, and group them into patches.
 
     Parameters
     ----------
@@ -153,8 +143,8 @@ def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
     Returns
     -------
     tuple of Patch
-        Patches ``symmetry_x`` (or y, z; ``symmetry_1`` and so on where the plane is oblique), ``wall``,
-        ``periodic_1a`` and ``periodic_1b`` (and so on) and ``farfield``, those that were found.
+        Patches ``symmetry_x`` (or y, z; ``symmetry_1`` and so on for oblique planes), ``wall``, ``periodic_1a`` and
+        ``periodic_1b`` (and so on) and ``farfield``, as far as they were found.
 
     Examples
     --------
@@ -171,7 +161,7 @@ def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
 
 
 def gathered(guesses: Sequence[FaceGuess]) -> tuple[Patch, ...]:
-    """Gather guesses at faces by their names."""
+    """Group guesses at faces by name."""
     names = {guess.name: guess.kind for guess in guesses}
     return tuple(
         Patch(name, kind, tuple(guess.window for guess in guesses if guess.name == name))
@@ -182,12 +172,12 @@ def gathered(guesses: Sequence[FaceGuess]) -> tuple[Patch, ...]:
 def guess_faces(
     grid: Grid,  # the grid; patches of it that are walls or far fields are evidence
     windows: Sequence[Window],  # the windows
-) -> tuple[FaceGuess, ...]:  # one of each window, sorted by the names of patches
-    """Guess what boundary windows are, and how sure that is."""
-    # A window is *periodic*, of the kind ``other``, when it is on one side of a pair that `find_periodic` finds;
-    # *symmetry* when it lies in a plane that bounds the grid, and its block is one cell deep there or other surfaces
-    # end in the plane at a right angle; *far field* when it keeps away from where most nodes are; else *wall*. Nothing
-    # of that depends on where the grid is, how it is turned or mirrored, or on its unit.
+) -> tuple[FaceGuess, ...]:  # one for each window, sorted by the names of patches
+    """Guess what boundary windows are, with the certainty."""
+    # A window is *periodic*, of the kind ``other``, if it is on one side of a pair that `find_periodic` finds;
+    # *symmetry* if it lies in a plane that bounds the grid, and its block is one cell deep there or other surfaces end
+    # in the plane at a right angle; *far field* if it is far from most nodes; else *wall*. None of this depends on the
+    # position, orientation, handedness or unit of the grid.
     if not windows:
         return ()
     found: dict[Window, FaceGuess] = {}
@@ -217,7 +207,7 @@ def _guess_places(grid: Grid, windows: Sequence[Window]) -> dict[Window, FaceGue
 
 
 def _names(planes: Sequence[BoundaryPlane]) -> list[str]:
-    """Name planes by the axis that they are normal to, and number the other directions; parallel ones alike."""
+    """Name planes by the axis normal to them, and number the other directions; parallel ones get the same name."""
     names: list[str] = []
     directions: list[np.ndarray] = []
     for plane in planes:
@@ -234,7 +224,7 @@ def _names(planes: Sequence[BoundaryPlane]) -> list[str]:
 def draft_patches(
     grid: Grid,  # the grid
     patches: Sequence[Patch],  # declared or guessed patches of it
-    remarks: Mapping[str, str] | None = None,  # what to say of patches, by their names; a comment above each
+    remarks: Mapping[str, str] | None = None,  # remarks on patches, by name; a comment above each
 ) -> str:  # the text; reading it back gives the same patches
     """Write patches as the text of a TOML patches file."""
     document = tomlkit.document()
@@ -258,7 +248,7 @@ def draft_patches(
 
 
 def _draft_face(grid: Grid, window: Window) -> InlineTable:
-    """Write a window as an inline table: block, face, and ranges where it covers a part of the face."""
+    """Write a window as an inline table: block, face, and ranges if it covers a part of the face."""
     block = grid.blocks[window.block]
     face = _face_of(window, block.shape)
     entry = tomlkit.inline_table()
@@ -271,7 +261,7 @@ def _draft_face(grid: Grid, window: Window) -> InlineTable:
 
 
 def _face_of(window: Window, shape: tuple[int, ...]) -> int:
-    """Face that a window lies on; the truly flat direction counts before one that has a single node."""
+    """Face of a window; a truly flat direction takes precedence over one with a single node."""
     flat = [d for d in range(3) if window.lo[d] == window.hi[d] and window.lo[d] in (0, shape[d] - 1)]
     d = max(flat, key=lambda d: shape[d])
     return 2 * d + int(window.lo[d] > 0)

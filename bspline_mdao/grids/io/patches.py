@@ -1,4 +1,4 @@
-"""Patches declared beside a grid, in TOML or a neutral map file, and merged with what the grid file declares.
+"""Patches declared in a file of their own, in TOML or a neutral map file, and merged with those of the grid file.
 
 A patches file in TOML names pieces of the boundary::
 
@@ -14,12 +14,12 @@ A patches file in TOML names pieces of the boundary::
     "symm*" = "symmetry"
     "B*" = "interface"                                             # no patch: left to the topology
 
-``include = "grid.nmf"`` takes the patches of a neutral map file, whose names seldom say what they are. In one, after
-the number of blocks and a line ``number ni nj nk`` for each, every line describes a rectangle of a face::
+``include = "grid.nmf"`` adds the patches of a neutral map file, whose names seldom say what they are. In such a file,
+after the number of blocks and a line ``number ni nj nk`` for each, every line describes a rectangle of a face::
 
     type   B1 F1  S1 E1  S2 E2  [B2 F2  S1 E1  S2 E2]  [swap]
 
-Blocks may all be numbered 1: then their place is the number. A swap, TRUE or FALSE, says nothing of one side alone.
+Blocks may all be numbered 1: then the order gives the number. A swap, TRUE or FALSE, has no meaning for one side only.
 Faces are numbered kmin, kmax, imin, imax, jmin, jmax = 1 ... 6. S1 E1 and S2 E2 are node ranges (from 1) in the
 directions that follow the normal in cyclic order: i, j on a k face, j, k on an i face and k, i on a j face.
 
@@ -48,12 +48,12 @@ from ..topology.stored_grid import StoredGrid
 from .patch_guess import kind_of_name
 
 INTERFACE = "interface"
-"""In ``[kinds]``: such a patch is none, the topology finds what lies against it."""
+"""Value in ``[kinds]``: such a patch is dropped, and the topology finds what it meets."""
 
 AnyGrid = TypeVar("AnyGrid", Grid, StoredGrid)
 
 MAX_BYTES = 2**22
-"""A longer file is no patches file."""
+"""Largest size of a patches file."""
 
 _DIRECTIONS = "ijk"
 
@@ -64,9 +64,9 @@ def read_patches(path: str | os.PathLike, grid: AnyGrid) -> AnyGrid:
     Parameters
     ----------
     path : path-like
-        The patches file; what it is shows in its content.
+        The patches file; its format is found from its content.
     grid : Grid or StoredGrid
-        The grid, perhaps with patches of its own. One of the same name is replaced.
+        The grid, possibly with its own patches. A patch of the same name is replaced.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def read_patches(path: str | os.PathLike, grid: AnyGrid) -> AnyGrid:
     Raises
     ------
     InputError
-        When the file cannot be read, a key or face is misspelt, an index is outside its block, or two patches claim the
+        If the file cannot be read, a key or face is misspelt, an index is outside its block, or two patches claim the
         same part of a face.
 
     Examples
@@ -101,7 +101,7 @@ def read_patches(path: str | os.PathLike, grid: AnyGrid) -> AnyGrid:
 
 
 def read_patches_text(path: str | os.PathLike) -> str:
-    """Read a patches file, unless it is too long or no text."""
+    """Read a patches file, unless it is too long or not text."""
     try:
         if os.path.getsize(path) > MAX_BYTES:
             raise InputError(f"{path}: is longer than {MAX_BYTES} bytes; is this a patches file?")
@@ -114,10 +114,10 @@ def read_patches_text(path: str | os.PathLike) -> str:
 
 def merge_patches(
     grid: AnyGrid,  # the grid
-    patches: Sequence[Patch],  # what to add
-    source: str,  # where they come from, for messages
+    patches: Sequence[Patch],  # patches to add
+    source: str,  # their origin, for messages
 ) -> AnyGrid:  # the grid with the patches of both, the grid's first
-    """Add patches to a grid; one of the same name takes the place of the grid's."""
+    """Add patches to a grid; a patch of the same name is replaced."""
     added = {patch.name: patch for patch in patches}
     merged = {patch.name: patch for patch in grid.patches} | added
     claimed = [(patch, window) for patch in merged.values() for window in patch.windows]
@@ -135,7 +135,7 @@ def merge_patches(
 
 
 def _face_key(window: Window) -> tuple:
-    """Tell apart windows that cannot share any area."""
+    """Key that differs for windows that cannot share any area."""
     return window.block, tuple(lo if lo == hi else None for lo, hi in zip(window.lo, window.hi))
 
 
@@ -148,7 +148,7 @@ def parse_toml(text: str, source: str) -> dict:
 
 
 def _add_toml(text: str, grid: AnyGrid, path: Path) -> AnyGrid:
-    """Add the patches of a TOML file to a grid: those that it includes, kinds by names, and those that it declares."""
+    """Add the patches of a TOML file to a grid: included ones, kinds by names, and declared ones."""
     source = str(path)
     document = parse_toml(text, source)
     check_keys(document, {"patch", "kinds", "include"}, source)
@@ -179,7 +179,7 @@ def _include(name: object, grid: AnyGrid, path: Path) -> AnyGrid:
 
 
 def _rename_kinds(kinds: object, grid: AnyGrid, source: str) -> AnyGrid:
-    """Apply the table ``[kinds]`` to the patches that the grid has; the first pattern that fits counts."""
+    """Apply the table ``[kinds]`` to the patches of the grid; the first pattern that fits counts."""
     if not isinstance(kinds, Mapping):
         raise InputError(f"{source}: 'kinds' is not a table of name = \"kind\"; write [kinds]")
     for pattern, kind in kinds.items():
@@ -238,7 +238,7 @@ def _parse_face(face: object, grid: Grid | StoredGrid, where: str) -> Window:
 
 
 def _find_block(key: object, grid: Grid | StoredGrid, where: str) -> int:
-    """Return the number, from 0, of a block that is named or numbered from 1."""
+    """Return the number, from 0, of a block given by name or by number from 1."""
     names = [block.name for block in grid.blocks]
     if isinstance(key, str) and names.count(key) == 1:
         return names.index(key)
@@ -270,7 +270,7 @@ def listed(words: Sequence[str]) -> str:
 
 
 def is_nmf(text: str) -> bool:
-    """Whether a text begins as a neutral map file does: a line with one number, the number of blocks."""
+    """Whether a text begins like a neutral map file: a line with one number, the number of blocks."""
     first = next(_lines(text), (0, ""))[1]
     return re.fullmatch(r"\d{1,9}", first) is not None
 
@@ -281,9 +281,9 @@ def parse_nmf(
     source: str,  # name of the file, for messages
 ) -> tuple[Patch, ...]:  # the patches in order of appearance
     """Read a neutral map file that belongs to a grid."""
-    # Lines of the same type make one patch named after it, with the kind that the word begins with (symmetry, wall, far
+    # Lines of the same type make one patch named after it, of the kind with which the word begins (symmetry, wall, far
     # field) or else ``other``. ONE-TO-ONE lines are checked against the nodes and otherwise left to the topology, which
-    # finds them again, as it does connections that the file gives a name of their own.
+    # finds them again, as it finds connections to which the file gives a name of their own.
     lines = list(_lines(text))
     n_blocks = _check_blocks(lines, grid, source)
     windows: dict[str, list[Window]] = {}
@@ -306,11 +306,11 @@ _CONNECTIONS = ("one-to-one", "one_to_one", "1-to-1")
 
 
 COINCIDENCE = 1e-2
-"""Two sides of a declared connection may differ by this part of the shortest edge on them."""
+"""Largest distance between the two sides of a declared connection, relative to the shortest edge on them."""
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """Yield number and content of the lines that hold something, without comments and backslashes at the end."""
+    """Yield number and content of the non-empty lines, without comments and backslashes at the end."""
     for number, line in enumerate(text.splitlines(), 1):
         content = line.split("#")[0].rstrip().rstrip("\\").strip()
         if content:
@@ -318,7 +318,7 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
 
 
 def _check_blocks(lines: list[tuple[int, str]], grid: Grid | StoredGrid, source: str) -> int:
-    """Return the number of blocks of a map file, refusing one whose blocks are not those of the grid."""
+    """Return the number of blocks of a map file; refuse one whose blocks differ from the grid's."""
     n_blocks = int(lines[0][1])
     if n_blocks != len(grid.blocks):
         raise InputError(
@@ -336,7 +336,7 @@ def _split_entry(line: str, where: str) -> tuple[str, list[str]]:
     """Split a line into its type and the fields that follow."""
     match = re.match(r"""('[^']*'|"[^"]*"|[^\s'"]+)\s+(.*)""", line)
     name, fields = (match[1].strip("'\" "), match[2].split()) if match else ("", [])
-    numbers = fields[: len(fields) - len(fields) % 6]  # what is behind one side or two is the swap
+    numbers = fields[: len(fields) - len(fields) % 6]  # the rest after one side or two is the swap
     if not name or len(fields) not in (6, 7, 12, 13) or not all(re.fullmatch(r"\d{1,9}", field) for field in numbers):
         raise InputError(f"{where}: '{line[:60]}' is not 'type B1 F1 S1 E1 S2 E2' with whole numbers")
     if len(fields) > len(numbers) and _swap(fields) not in ("TRUE", "FALSE", "T", "F"):
@@ -345,7 +345,7 @@ def _split_entry(line: str, where: str) -> tuple[str, list[str]]:
 
 
 def _swap(fields: list[str]) -> str:
-    """Last field of a line, without the quotes or points around it."""
+    """Last field of a line, without surrounding quotes or points."""
     return fields[-1].strip("'\".").upper()
 
 
@@ -374,7 +374,7 @@ def _parse_rectangle(fields: list[str], grid: Grid | StoredGrid, where: str) -> 
 
 def _check_connection(nodes: np.ndarray, fields: list[str], grid: Grid | StoredGrid, where: str) -> None:
     """Refuse a connection whose two sides do not coincide."""
-    if len(fields) < 6:  # none, or the swap alone
+    if len(fields) < 6:  # none, or only the swap
         raise InputError(f"{where}: names one side of a connection; add B2 F2 S1 E1 S2 E2 and swap")
     other = _parse_rectangle(fields[:6], grid, where)[1]
     other = other.swapaxes(0, 1) if len(fields) > 6 and _swap(fields).startswith("T") else other

@@ -1,4 +1,4 @@
-"""Plane grids, one node deep: lifted to one cell so that they can move, and written back plane.
+"""Planar grids, one node deep: lifted to one cell so that they can move, and written back planar.
 
 Theory: ``docs/theory/grid_files.rst``.
 """
@@ -17,21 +17,21 @@ from ..topology.index_space import Window
 __all__ = ["PlaneDialect", "flattened", "lift_plane_grid"]
 
 PLANAR = 1e-6
-"""A grid is plane when its nodes leave the plane by less than this part of its size."""
+"""A grid is planar if its nodes leave the plane by less than this fraction of its size."""
 
 
 @dataclass(frozen=True)
 class PlaneDialect:
-    """Dialect of a grid that was plane and is one cell deep now."""
+    """Dialect of a grid that was planar and is now one cell deep."""
 
-    dialect: object | None  # how the plane grid was written
-    directions: tuple[int, ...]  # direction of each block in which the plane grid has a single node
+    dialect: object | None  # format of the planar grid
+    directions: tuple[int, ...]  # direction of each block in which the planar grid has a single node
     normal: tuple[float, ...]  # unit normal of the plane
     offset: float  # product of the normal and points of the plane (m)
 
     @property
     def ignored(self) -> tuple[str, ...]:
-        """What the file holds besides, one line each."""
+        """Other content of the file, one line each."""
         return tuple(getattr(self.dialect, "ignored", ()))
 
     def __str__(self) -> str:
@@ -40,11 +40,11 @@ class PlaneDialect:
 
 
 def lift_plane_grid(grid: Grid, height: float | None = None) -> Grid:
-    """Make a grid of one plane, one node deep, one cell deep; all others are given back as they are.
+    """Make a planar grid, one node deep, one cell deep; all others are returned unchanged.
 
     The second layer of nodes is off the plane by the height, to the side that makes most blocks right-handed. Patches
-    and connections go along. Both sides can be planes of symmetry then; `bspline_mdao.write_grid` writes the first
-    layer alone, in the dialect of the plane grid, unless it writes for OpenFOAM.
+    and connections are extended. Both sides can then be planes of symmetry; `bspline_mdao.write_grid` writes only the
+    first layer, in the dialect of the planar grid, unless it writes for OpenFOAM.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def lift_plane_grid(grid: Grid, height: float | None = None) -> Grid:
 
 
 def flattened(grid: Grid) -> Grid:
-    """The plane grid of a lifted one: its first layer, without patches; other grids as they are."""
+    """The planar grid of a lifted one: its first layer, without patches; other grids unchanged."""
     if not isinstance(grid.dialect, PlaneDialect):
         return grid
     blocks: list[Block] = []
@@ -121,7 +121,7 @@ def flattened(grid: Grid) -> Grid:
             f"{grid.source}: was plane, and its nodes have left the plane by {off:.3g} m; let both sides slide, as "
             f"planes of symmetry do, and deform it in the plane"
         )
-    if np.abs(normal).max() == 1.0:  # files of two dimensions have no room for round-off
+    if np.abs(normal).max() == 1.0:  # two-dimensional files have no room for round-off
         for block in blocks:
             block.nodes[..., np.argmax(np.abs(normal))] = grid.dialect.offset * normal.sum()
     return replace(grid, blocks=tuple(blocks), patches=(), connections=(), periodic=(), dialect=grid.dialect.dialect)
@@ -134,14 +134,14 @@ def _lifted(block: Block, flat: int, shift: np.ndarray) -> Block:
 
 
 def _area(block: Block, flat: int) -> np.ndarray:
-    """Area vector of a plane block, along its flat direction where that makes it right-handed."""
+    """Area vector of a planar block, along its flat direction if that makes it right-handed."""
     nodes = np.moveaxis(block.nodes, flat, 2)[:, :, 0]
     first, second = nodes[1:, 1:] - nodes[:-1, :-1], nodes[:-1, 1:] - nodes[1:, :-1]
     return (-1.0) ** (flat == 1) * 0.5 * np.cross(first, second).sum(axis=(0, 1))
 
 
 def _deep(window: Window, directions: tuple[int, ...]) -> Window:
-    """A window of a plane block in the lifted one; the plane as a whole is its first side."""
+    """A window of a planar block in the lifted one; the plane as a whole is its first side."""
     flat = directions[window.block]
     is_side = all(lo < hi for d, (lo, hi) in enumerate(zip(window.lo, window.hi)) if d != flat)
     return window if is_side else replace(window, hi=tuple(1 if d == flat else n for d, n in enumerate(window.hi)))

@@ -1,8 +1,8 @@
 """PLOT3D grids, in every dialect in circulation.
 
-A PLOT3D grid is a header (the number of blocks, where it is given, and the node counts of every block) followed by the
+A PLOT3D grid is a header (the number of blocks, if given, and the node counts of every block) followed by the
 coordinates of each block, i running fastest. Nothing in it says how it was written: of the dialects whose header makes
-sense and announces exactly the length of the file (``plot3d_dialect.py``) the one that gives a smooth grid is taken.
+sense and matches exactly the length of the file (``plot3d_dialect.py``) the one that gives a smooth grid is taken.
 
 Format: ``docs/theory/grid_files.rst``.
 """
@@ -30,10 +30,10 @@ from .stored_numbers import StoredBytes
 _ASCII_SUFFIXES = (".fmt", ".p3dfmt", ".txt")
 
 _CLEARLY_SMOOTHER = 0.5
-"""A reading is taken if its grid is less rough than any other's by this ratio: real rivals differ by far more."""
+"""A reading is taken if its grid is smoother than any other's by this ratio: real rivals differ by far more."""
 
 _NODES_JUDGED = 200_000
-"""Nodes of a block from which roughness is judged: enough to distinguish grids from noise, and quick."""
+"""Nodes of a block from which roughness is judged: enough to distinguish grids from noise, and fast."""
 
 _SMOOTHEST = 1e-3
 """Mean change of an edge relative to its length below which cells are all equally smooth."""
@@ -48,8 +48,8 @@ def read_plot3d(
     """Read a PLOT3D grid; the dialect is detected from the file."""
     # ASCII, Fortran records and raw binary, either byte order, 4- or 8-byte reals and integers, one block with or
     # without the block count or many, node counts of all blocks before the first or each before its own, 2-D or 3-D,
-    # with or without IBLANK, whole or plane-wise, compressed with gzip, bzip2 or xz or not. A 2-D block has one node in
-    # k and z = 0.
+    # with or without IBLANK, whole or plane-wise, uncompressed or compressed with gzip, bzip2 or xz. A 2-D block has
+    # one node in k and z = 0.
     data, compression, ignored = read_bytes(path)
     reading, blocks = _most_plausible(exact_readings(data, str(path)), str(path), _read_blocks)
     dialect = replace(reading.dialect, compression=compression, ignored=(*reading.dialect.ignored, *ignored))
@@ -60,9 +60,9 @@ def open_plot3d(
     path: str | os.PathLike,  # the file
 ) -> StoredGrid:
     """Open a PLOT3D grid of any dialect, to read blocks of it, or windows of them, later."""
-    # Of raw binary and Fortran records, what is not asked for is passed over. Text is passed over once to find where
-    # its numbers are. What is compressed is decompressed whole, by every process that reads. The dialect is judged from
-    # the first blocks; everything else is as for `read_plot3d`, but that a block is judged when it is read.
+    # In raw binary and Fortran records, the rest is skipped. Text is scanned once to find its numbers. Compressed files
+    # are decompressed as a whole, by every process that reads. The dialect is determined from the first blocks;
+    # everything else is as in `read_plot3d`, but a block is checked when it is read.
     source, data = str(path), StoredBytes(path)
     reading, _ = _most_plausible(exact_readings(data, source), source, _leading_blocks)
     starts = reading.dialect.block_starts(reading.shapes)
@@ -89,10 +89,10 @@ def _read_part(reading: Reading, source: str, number: int, start: int, window: W
 def _most_plausible(
     readings: list[Reading], source: str, blocks_of: Callable[[Reading], tuple[Block, ...]]
 ) -> tuple[Reading, tuple[Block, ...]]:
-    """Choose the one reading that gives a grid, from the blocks that it gives."""
-    # 1. Drop readings with nodes that are not finite or of no sane size.
+    """Choose the one reading that gives a grid, from its blocks."""
+    # 1. Drop readings with nodes that are not finite or of implausible size.
     # 2. Take the one that is clearly smoother than any other.
-    # 3. Else decide what may be IBLANK or z, and prefer the layout ``"whole"``; refuse what is still ambiguous.
+    # 3. Otherwise decide what may be IBLANK or z, and prefer the layout ``"whole"``; refuse what is still ambiguous.
     grids = [(reading, blocks_of(reading)) for reading in readings]
     # step 1
     sane = [(reading, blocks) for reading, blocks in grids if find_fault(blocks) is None]
@@ -125,7 +125,7 @@ def _by_blanking(rivals: list) -> list:
 
 
 def _read_blocks(reading: Reading) -> tuple[Block, ...]:
-    """Read the blocks of one way to read a file."""
+    """Read the blocks of one reading of a file."""
     starts = reading.dialect.block_starts(reading.shapes)
     blocks = []
     for number, (shape, start) in enumerate(zip(reading.shapes.tolist(), starts), 1):
@@ -135,7 +135,7 @@ def _read_blocks(reading: Reading) -> tuple[Block, ...]:
 
 
 def _leading_blocks(reading: Reading) -> tuple[Block, ...]:
-    """Read what `_roughness` looks at, and no more."""
+    """Read only what `_roughness` needs."""
     starts, n_judged = reading.dialect.block_starts(reading.shapes), 0
     blocks = []
     for number, (shape, start) in enumerate(zip(reading.shapes.tolist(), starts), 1):
@@ -159,7 +159,7 @@ def _read_block(
     iblank = np.empty(window.shape, np.int32) if dialect.has_iblank else None
 
     def planes(dtype: np.dtype, first: int, n_planes: int) -> np.ndarray:
-        """Some planes of numbers from byte ``first`` on, in the order (i, j, k), as far as the window reaches."""
+        """Some planes of numbers from byte ``first`` on, in the order (i, j, k), within the window."""
         numbers = reading.content.take(dtype, n_plane * n_planes, first).reshape(n_planes, shape[1], shape[0])
         return numbers.transpose(2, 1, 0)[window.slices[:2]]
 
@@ -171,7 +171,7 @@ def _read_block(
                 values = planes(
                     dialect.real_dtype, there + (first - lo) * n_plane * dialect.real_dtype.itemsize, last - first
                 )
-                with np.errstate(invalid="ignore"):  # a NaN is named later
+                with np.errstate(invalid="ignore"):  # a NaN is reported later
                     nodes[:, :, place, axis] = values
                 there += (hi - lo) * n_plane * dialect.real_dtype.itemsize
             if iblank is not None:
@@ -182,7 +182,7 @@ def _read_block(
 
 
 def _as_int32(values: np.ndarray) -> np.ndarray:
-    """Whole numbers; what is none, or too large, becomes the lowest integer, which `find_fault` reports."""
+    """Whole numbers; other values become the lowest integer, which `find_fault` reports."""
     if values.dtype.kind == "i" and values.dtype.itemsize == 4:
         return values
     lowest = np.iinfo(np.int32).min
@@ -191,9 +191,9 @@ def _as_int32(values: np.ndarray) -> np.ndarray:
 
 
 def _roughness(blocks: Iterable[Block]) -> float:
-    """Mean change of a cell edge from cell to cell, relative to the edge, divided by how far cells are from being flat.
+    """Mean change of a cell edge from cell to cell, relative to the edge and to how far cells are from being flat.
 
-    Near 0 for a grid and above 1.5 for noise; large, too, where x, y and z are planes of one and the same coordinate.
+    Near 0 for a grid and above 1.5 for noise; also large if x, y and z are planes of the same coordinate.
     """
     total, n_judged = 0.0, 0
     for block in blocks:
@@ -212,7 +212,7 @@ def _planes_judged(shape: Sequence[int]) -> int:
 
 
 def _bend(nodes: np.ndarray, d: int, e: int) -> float:
-    """Mean change along direction ``e`` of the edges in direction ``d``; 0 where there are too few nodes for it."""
+    """Mean change along direction ``e`` of the edges in direction ``d``; 0 if there are too few nodes for it."""
     edges = np.diff(nodes, axis=d)
     changes = np.diff(edges, axis=e)
     length = np.linalg.norm(edges, axis=-1).sum()
@@ -222,7 +222,7 @@ def _bend(nodes: np.ndarray, d: int, e: int) -> float:
 
 
 def _fullness(nodes: np.ndarray) -> float:
-    """Mean volume of the unit edges of a cell, or their area where there is one node in a direction; 1 for lines."""
+    """Mean volume of the unit edges of a cell, or their area if there is one node in a direction; 1 for lines."""
     corner = nodes[tuple(slice(0, max(n - 1, 1)) for n in nodes.shape[:3])]
     edges = [np.diff(nodes, axis=d)[tuple(map(slice, corner.shape[:3]))] for d in range(3) if nodes.shape[d] > 1]
     if len(edges) < 2:
@@ -234,10 +234,10 @@ def _fullness(nodes: np.ndarray) -> float:
 
 
 def write_plot3d(
-    path: str | os.PathLike,  # the file to make or replace
+    path: str | os.PathLike,  # the file to create or replace
     grid: Grid,  # the grid. Nodes without IBLANK are written as 1 where the dialect has IBLANK.
-    # how to write it; by default as it was read (binary then comes back byte for byte, ASCII number for number), and
-    # raw binary of 8-byte reals for a grid that was not read from PLOT3D
+    # format; by default that of its file (binary is then reproduced byte for byte, ASCII number for number), and raw
+    # binary of 8-byte reals for a grid that was not read from PLOT3D
     dialect: Plot3dDialect | None = None,
 ) -> None:
     """Write a PLOT3D grid, whole or not at all."""
@@ -252,7 +252,7 @@ def write_plot3d(
 
 
 def _check_fits(grid: Grid, dialect: Plot3dDialect) -> None:
-    """Refuse a grid that a dialect cannot hold, or that has a damaged node."""
+    """Refuse a grid that a dialect cannot store, or that has a damaged node."""
     if len(grid.blocks) != 1 and not dialect.has_block_count:
         raise InputError(
             f"{grid.source}: {len(grid.blocks)} blocks do not fit a PLOT3D file without a block count; "
@@ -267,7 +267,7 @@ def _check_fits(grid: Grid, dialect: Plot3dDialect) -> None:
 
 
 def _encode(grid: Grid, dialect: Plot3dDialect) -> Iterator[bytes]:
-    """Give the bytes of the file, piece by piece."""
+    """Yield the bytes of the file, piece by piece."""
     records = _records(grid, dialect)
     if dialect.encoding == "ascii":
         for record in records:
@@ -312,10 +312,10 @@ def _piece_arrays(block: Block, lo: int, hi: int, dialect: Plot3dDialect, intege
 
 
 def write_plot3d_as_named(
-    path: str | os.PathLike,  # the file to make or replace
+    path: str | os.PathLike,  # the file to create or replace
     grid: Grid,  # the grid
 ) -> None:
-    """Write a PLOT3D grid as it was read, or else as the name says: ASCII or raw binary, compressed or not."""
+    """Write a PLOT3D grid in its own dialect, or else as the name says: ASCII or raw binary, compressed or not."""
     if isinstance(grid.dialect, Plot3dDialect):
         return write_plot3d(path, grid)
     name = Path(path)

@@ -1,7 +1,7 @@
-"""Dialects of PLOT3D in circulation, and those that a file may be in.
+"""Dialects of PLOT3D in circulation, and the possible dialects of a file.
 
 Nothing in a PLOT3D grid says how it was written, so every reading is tried: its header must make sense and the file
-must have exactly the length that the header announces.
+must have exactly the length given by the header.
 
 Format: ``docs/theory/grid_files.rst``.
 """
@@ -32,32 +32,32 @@ HEADERS = (
     (("apart", 4),),
     tuple(pair for pair in product(("apart", "joined", "rows", "spread"), (4, 8)) if pair != ("apart", 4)),
 )
-"""Headers and lengths of integers, those that are common first: others count where none of these fits."""
+"""Headers and lengths of integers, common ones first: the others are tried only if none of these fits."""
 
 
 @dataclass(frozen=True)
 class Plot3dDialect:
-    """Dialect of PLOT3D in which a grid is written."""
+    """Dialect of PLOT3D of a grid."""
 
     encoding: str = "raw"  # ``"ascii"``, ``"fortran"`` (unformatted records) or ``"raw"`` (binary without markers)
     byte_order: str = "<"  # ``"<"`` (little endian) or ``">"``; binary only
     real_bytes: int = 8  # length of a real, 4 or 8; binary only
     marker_bytes: int = 4  # length of a record marker, 4 or 8; Fortran records only
-    # what one Fortran record holds: a whole ``"block"``, a ``"plane"`` of constant k, or an ``"array"`` (x, y, z or
+    # contents of a Fortran record: a whole ``"block"``, a ``"plane"`` of constant k, or an ``"array"`` (x, y, z or
     # IBLANK of a block or plane)
     records: str = "block"
-    # ``"whole"``: x of all nodes of a block, then y, z and IBLANK; ``"planes"``: the same for one plane of constant k
-    # after the other
+    # ``"whole"``: x of all nodes of a block, then y, z and IBLANK; ``"planes"``: the same plane by plane of constant
+    # k
     layout: str = "whole"
-    # where the node counts of the blocks stand: all of them ``"apart"`` from the number of blocks, ``"joined"`` with it
+    # places of the node counts of the blocks: all of them ``"apart"`` from the number of blocks, ``"joined"`` with it
     # in one Fortran record, in ``"rows"`` of a record for each block, or ``"spread"``, each before its block
     header: str = "apart"
     integer_bytes: int = 4  # length of an integer, 4 or 8; binary only
     has_block_count: bool = True  # whether the file begins with the number of blocks; without it there is one block
-    n_dimensions: int = 3  # 3, or 2 for files of x and y alone
+    n_dimensions: int = 3  # 3, or 2 for files with only x and y
     has_iblank: bool = False  # whether an integer per node follows the coordinates
-    compression: str = ""  # what the file is compressed with: ``"gzip"``, ``"bzip2"``, ``"xz"`` or nothing
-    ignored: tuple[str, ...] = field(default=(), compare=False)  # what the file holds besides, one line each
+    compression: str = ""  # compression of the file: ``"gzip"``, ``"bzip2"``, ``"xz"`` or none
+    ignored: tuple[str, ...] = field(default=(), compare=False)  # other content of the file, one line each
 
     @property
     def real_dtype(self) -> np.dtype:
@@ -71,7 +71,7 @@ class Plot3dDialect:
 
     @property
     def node_bytes(self) -> int:
-        """Number of bytes per node: its coordinates, and IBLANK where there is one."""
+        """Number of bytes per node: its coordinates, and IBLANK if there is one."""
         return self.n_dimensions * self.real_dtype.itemsize + self.has_iblank * self.integer_dtype.itemsize
 
     @property
@@ -88,7 +88,7 @@ class Plot3dDialect:
         return count + np.cumsum([0.0, *sizes]) + n_counts * self.dimension_bytes
 
     def pieces(self, shape: Sequence[int]) -> Iterator[tuple[int, int]]:
-        """Ranges of k whose coordinates follow each other: the whole block or its planes one by one."""
+        """Ranges of k with consecutive coordinates: the whole block or its planes one by one."""
         ends = range(1, shape[2] + 1) if self.layout == "planes" else (shape[2],)
         start = 0
         for stop in ends:
@@ -110,9 +110,9 @@ class Plot3dDialect:
 
 @dataclass(frozen=True)
 class Reading:
-    """One way to read a file."""
+    """A possible reading of a file."""
 
-    dialect: Plot3dDialect  # how it is read
+    dialect: Plot3dDialect  # its dialect
     content: Numbers  # the numbers without record markers; for ASCII all of them as reals
     shapes: np.ndarray  # (n_blocks, 3) of int, node counts of the blocks
 
@@ -135,7 +135,7 @@ def exact_readings(
 
 
 def _readings(dialect: Plot3dDialect, content: Numbers) -> Iterator[list[Reading]]:
-    """Ways to read plain numbers whose header makes sense, with all lengths of reals, with and without IBLANK."""
+    """Readings of plain numbers whose header makes sense, with all lengths of reals, with and without IBLANK."""
     if dialect.encoding != "fortran" and dialect.header in ("joined", "rows"):
         return  # there are no records
     if dialect.encoding == "ascii" and dialect.integer_bytes != 4:
@@ -151,11 +151,11 @@ def _readings(dialect: Plot3dDialect, content: Numbers) -> Iterator[list[Reading
         if known and (
             dialect.header == "apart" or (has_count and (dialect.header == "joined" or len(known[0].shapes) > 1))
         ):
-            yield known  # of one block, and without a number of blocks, the others are no different
+            yield known  # for one block, and without a number of blocks, the others do not differ
 
 
 def _containers(data: bytes | StoredBytes, source: str) -> Iterator[tuple[Plot3dDialect, Numbers, list[int] | None]]:
-    """Ways to get at the plain numbers: dialect so far, content, and lengths of the records where there are any."""
+    """Ways to get the plain numbers: dialect so far, content, and lengths of the records if there are any."""
     if is_text(data[:1024].removeprefix(BOM_UTF8)):  # which editors on Windows put first
         content: TextNumbers | BinaryNumbers
         if isinstance(data, StoredBytes):
@@ -185,7 +185,7 @@ def _node_formats(dialect: Plot3dDialect) -> list[Plot3dDialect]:
 
 
 def _read_header(dialect: Plot3dDialect, content: Numbers) -> np.ndarray | None:
-    """Node counts of the blocks, or None where they make no sense; reads no more than the file holds."""
+    """Node counts of the blocks, or None if they make no sense; it does not read beyond the file."""
     n_blocks = 1
     if dialect.has_block_count:
         counts = _integers(dialect, content, 0, 1)
@@ -202,7 +202,7 @@ def _read_header(dialect: Plot3dDialect, content: Numbers) -> np.ndarray | None:
 
 
 def _read_spread_header(dialect: Plot3dDialect, content: Numbers) -> np.ndarray | None:
-    """Node counts of blocks, each in front of its coordinates, or None where they make no sense."""
+    """Node counts of blocks, each before its coordinates, or None if they make no sense."""
     counts = _integers(dialect, content, 0, 1)
     least = dialect.dimension_bytes + dialect.node_bytes
     if counts is None or not 1 < int(counts[0]) <= content.nbytes // least:
@@ -218,12 +218,12 @@ def _read_spread_header(dialect: Plot3dDialect, content: Numbers) -> np.ndarray 
 
 
 def _integers(dialect: Plot3dDialect, content: Numbers, start: int, count: int) -> np.ndarray | None:
-    """Positive whole numbers from number ``start`` on, or None where they are not."""
+    """Positive whole numbers from number ``start`` on, or None if they are not."""
     return _integers_at(dialect, content, start * dialect.integer_dtype.itemsize, count)
 
 
 def _integers_at(dialect: Plot3dDialect, content: Numbers, start: int, count: int) -> np.ndarray | None:
-    """Positive whole numbers from byte ``start`` on, or None where they are not."""
+    """Positive whole numbers from byte ``start`` on, or None if they are not."""
     if start + count * dialect.integer_dtype.itemsize > content.nbytes:
         return None
     values = content.take(dialect.integer_dtype, count, start)
@@ -232,12 +232,12 @@ def _integers_at(dialect: Plot3dDialect, content: Numbers, start: int, count: in
 
 
 def _misfit(reading: Reading) -> float:
-    """Bytes that the file has too many; negative where it has too few."""
+    """Excess bytes of the file; negative if there are too few."""
     return reading.content.nbytes - float(reading.dialect.block_starts(reading.shapes)[-1])
 
 
 def _layouts(reading: Reading, lengths: list[int] | None) -> Iterator[Reading]:
-    """Give the orders in which the numbers of an exact reading may stand, as far as its records allow them."""
+    """Yield the possible orders of the numbers in an exact reading, as far as its records allow them."""
     deepest = int(reading.shapes[:, 2].max())
     for layout in ("whole", "planes") if deepest > 1 else ("whole",):
         for records in ("block", "plane", "array") if lengths is not None else ("block",):
@@ -277,7 +277,7 @@ def record_lengths(dialect: Plot3dDialect, shapes: np.ndarray) -> Iterator[int]:
 
 
 def _no_reading(near: list[Reading], n_bytes: int, source: str) -> InputError:
-    """Say what the header that comes closest announces."""
+    """Describe the header that comes closest."""
     if n_bytes == 0:
         return InputError(f"{source}: is empty; give a PLOT3D grid")
     best = min(near, key=_distance, default=None)

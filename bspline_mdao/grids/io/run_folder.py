@@ -1,7 +1,8 @@
-"""The folder of a run's results: they are made in a private folder in it, and swapped in when the run ends.
+"""The folder of a run's results: they are made in a private folder in it, and moved into place when the run ends.
 
-A list in the folder, `MANIFEST`, has the digests of what runs wrote: only what is still so is ever replaced or removed.
-The private folder of a run that was killed stays, with what it wrote, until the results of another one are swapped in.
+A list in the folder, `MANIFEST`, has the digests of the files that runs wrote: only unchanged files are ever replaced
+or removed. The private folder of a killed run stays, with its files, until the results of another run are moved into
+place.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from .locked_folder import is_left_behind, locked_folder
 __all__ = ["MANIFEST", "PREFIX", "RESULTS", "RunFolder", "about_run", "digest_of"]
 
 MANIFEST = ".bspline_mdao-run.json"
-"""List of what runs wrote, and what the last one was about."""
+"""List of the files that runs wrote, and the settings of the last one."""
 
 PREFIX = ".bspline_mdao-run-"
-"""How the names of private folders begin."""
+"""Beginning of the names of private folders."""
 
 RESULTS = "results"
-"""Folder in a private one that the run writes to."""
+"""Folder in a private one to which the run writes."""
 
 _PIECE = 2**20
 
@@ -38,7 +39,7 @@ class RunFolder:
 
     def __init__(
         self,
-        path: str | os.PathLike,  # the folder, which need not be there
+        path: str | os.PathLike,  # the folder, which need not exist
     ):
         self.path = Path(path)
         self._private: Path | None = None
@@ -47,7 +48,7 @@ class RunFolder:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is in it, or it is not there."""
+        """Whether it is empty, or does not exist."""
         return not self.path.is_dir() or not any(self.path.iterdir())
 
     @property
@@ -56,14 +57,14 @@ class RunFolder:
         return sorted(_files_of(self.path))
 
     def left_behind(self, is_certain: bool = False) -> list[Path]:
-        """Private folders of runs that were killed, as far as is known or for certain."""
+        """Private folders of killed runs, as far as known or for certain."""
         return [folder for folder in self.path.glob(f"{PREFIX}*") if is_left_behind(folder, is_certain)]
 
     def check(
         self,
         wanted: Iterable[str],  # files, and folders of files, that a run is going to write
     ) -> None:
-        """Refuse the folder where a run is at work, or where files are in the way that no run wrote."""
+        """Refuse the folder if a run is using it, or if files would be replaced that no run wrote."""
         if set(self.path.glob(f"{PREFIX}*")) - set(self.left_behind()):
             raise InputError(f"{self.path}: another run is at work in it; wait for its end, or name another folder")
         known = _files_of(self.path)
@@ -79,9 +80,9 @@ class RunFolder:
 
     def begin(
         self,
-        about: Mapping[str, Any],  # what the run is about, for JSON: `about_run` has it
-    ) -> Path:  # the folder in it to write to. It is locked until the run ends.
-        """Make the private folder of a run."""
+        about: Mapping[str, Any],  # settings of the run, for JSON: `about_run` returns them
+    ) -> Path:  # the folder in it to write to, locked until the run ends
+        """Create the private folder of a run."""
         self._made = [place for place in (self.path, *self.path.parents) if not place.exists()]
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -94,7 +95,7 @@ class RunFolder:
         return self._private / RESULTS
 
     def keep(self) -> None:
-        """Swap in what the run wrote; what other runs wrote, and what those that were killed left, goes."""
+        """Move the run's files into place; remove files of other runs, and folders of killed ones."""
         assert self._private is not None
         made, about = self._private / RESULTS, about_run(self._private)
         old, new = _files_of(self.path), {file.as_posix(): [digest_of(made / file)] for file in files_in(made)}
@@ -111,14 +112,14 @@ class RunFolder:
         self._end()
 
     def discard(self) -> None:
-        """Remove what the run wrote; the folder is as it was."""
+        """Remove what the run wrote; the folder stays unchanged."""
         self._end()
         with suppress(OSError):  # others may have put something there
             for place in self._made:
                 place.rmdir()
 
     def _end(self) -> None:
-        """Give the private folder back."""
+        """Release the private folder."""
         if self._lock is not None:
             os.close(self._lock)
         if self._private is not None:
@@ -127,17 +128,17 @@ class RunFolder:
 
 
 def about_run(folder: Path) -> dict[str, Any]:
-    """What the last run in a folder, or that of a private folder, was about; empty where that is not known."""
+    """Settings of the last run in a folder, or of a private folder; empty if unknown."""
     return _read_manifest(folder).get("about", {})
 
 
 def _files_of(folder: Path) -> dict[str, list[str]]:
-    """Digests of files that runs wrote, by name; several while results are swapped in."""
+    """Digests of files that runs wrote, by name; several while results are moved into place."""
     return _read_manifest(folder).get("files", {})
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
-    """The list of a folder; empty where there is none that can be read, so that nothing is taken for that of a run."""
+    """The list of a folder; empty if there is no readable one, so that no file is attributed to a run."""
     try:
         found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -155,12 +156,12 @@ def _files_below(folder: Path) -> list[Path]:
 
 
 def _is_one_of(file: Path, digests: list[str]) -> bool:
-    """Whether a file is there and has one of some digests."""
+    """Whether a file exists and has one of some digests."""
     return bool(digests) and file.is_file() and digest_of(file) in digests
 
 
 def digest_of(file: Path) -> str:
-    """Digest of what is in a file, or of the names of the files in a folder and what is in them."""
+    """Digest of the content of a file, or of the names and contents of the files in a folder."""
     found = hashlib.blake2b(digest_size=16)
     if file.is_dir():
         for name in files_in(file):

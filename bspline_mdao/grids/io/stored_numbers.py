@@ -1,9 +1,9 @@
-"""Numbers of a file that stays on the disk: any range of them is read when it is asked for.
+"""Numbers of a file that stays on disk: any range of them is read on request.
 
-A file is seen as its bytes (`StoredBytes`). What holds the numbers is either pieces of these bytes, one after the other
-(`BinaryNumbers`: all of a raw file, or the payloads of its Fortran records), or text (`TextNumbers`), which is passed
-over once to find which numbers each part of it holds. All of them can be sent to other processes: what they have in
-memory stays behind.
+A file is seen as its bytes (`StoredBytes`). The numbers are either in consecutive pieces of these bytes
+(`BinaryNumbers`: all of a raw file, or the payloads of its Fortran records), or in text (`TextNumbers`), which is
+scanned once to find the numbers in each part of it. All of them can be sent to other processes, without the data that
+they have in memory.
 
 Theory: ``docs/theory/grid_files.rst``.
 """
@@ -22,11 +22,11 @@ from .disk import is_compressed, read_bytes
 __all__ = ["BinaryNumbers", "Numbers", "StoredBytes", "TextNumbers"]
 
 TEXT_PART = 2**24
-"""Bytes of a text that are made numbers at a time."""
+"""Bytes of a text that are converted to numbers at a time."""
 
 
 class Numbers(Protocol):
-    """Numbers one after the other, addressed by bytes as a binary file has them."""
+    """Consecutive numbers, addressed by bytes as in a binary file."""
 
     @property
     def nbytes(self) -> int:
@@ -37,11 +37,11 @@ class Numbers(Protocol):
 
 
 class StoredBytes:
-    """Bytes of a file, or of what is compressed in it; slices of it are read when they are asked for."""
+    """Bytes of a file, or of its decompressed content; slices are read on request."""
 
     def __init__(
         self,
-        # the file. A compressed one is decompressed whole by every process that reads from it, and kept.
+        # the file; a compressed one is decompressed as a whole by every process that reads from it, and kept
         path: str | os.PathLike,
     ):
         self.path = os.fspath(path)
@@ -77,15 +77,15 @@ class StoredBytes:
 
 @dataclass(frozen=True, eq=False)
 class BinaryNumbers:
-    """Numbers in pieces of bytes that follow each other."""
+    """Numbers in consecutive pieces of bytes."""
 
     data: Any  # the file
-    starts: np.ndarray  # (n,) of int, where each piece begins in it
+    starts: np.ndarray  # (n,) of int, start of each piece in it
     ends: np.ndarray  # (n,) of int, bytes of all pieces up to the end of each
 
     @classmethod
     def whole(cls, data: Any) -> BinaryNumbers:
-        """All of the bytes of a file, or the numbers of an array."""
+        """All bytes of a file, or the numbers of an array."""
         data = data.view(np.uint8).data if isinstance(data, np.ndarray) else data
         return cls(data, np.array([0]), np.array([len(data)]))
 
@@ -113,9 +113,9 @@ class BinaryNumbers:
 class TextNumbers:
     """Numbers of a text, as reals of 8 bytes. Made by `bspline_mdao.grids.io.fortran.scan_text`."""
 
-    parse: Any  # makes the bytes of a part numbers, given its number of lines before as well
+    parse: Any  # converts the bytes of a part to numbers, given the number of lines before it
     data: Any  # the text
-    starts: np.ndarray  # (n + 1,) of int, where each part begins in it, and where the last one ends
+    starts: np.ndarray  # (n + 1,) of int, start of each part in it, and the end of the last one
     lines: np.ndarray  # (n,) of int, lines before each part
     ends: np.ndarray  # (n,) of int, numbers up to the end of each part
     n_comments: int = 0  # comments in the text

@@ -1,7 +1,8 @@
-"""Which planes at the rim of a grid are those of symmetry, by the surfaces that end in them.
+"""Which planes at the rim of a grid are planes of symmetry, by the surfaces that end in them.
 
-A mirror image goes on smoothly where a surface ends in the plane at a right angle. So do duct walls at an inlet, and so
-does a wing at the floor of a tunnel: the places of planes and the cells next to them say which is which, not always.
+A mirror image continues smoothly if a surface ends in the plane at a right angle. But duct walls also do so at an
+inlet, and so does a wing at the floor of a tunnel: the places of planes and the cells next to them usually show which
+is which.
 
 Theory: ``docs/theory/grid_files.rst``.
 """
@@ -24,14 +25,14 @@ __all__ = ["Places", "doubtful_faces", "find_symmetry"]
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Planes of the boundary of a grid, and what is known of them and of the other faces."""
+    """Planes of the boundary of a grid, and what is known about them and the other faces."""
 
     grid: Grid  # the grid
     planes: Sequence[BoundaryPlane]  # the planes
-    distances: Sequence[float]  # distance of each from the middle of the grid, as a part of the radius
-    # height of the first cells at each by the mean of their grid lines, the median of its windows
+    distances: Sequence[float]  # distance of each from the middle of the grid, relative to the radius
+    # height of the first cells at each relative to the mean of their grid lines, the median of its windows
     cells: Sequence[float | None]
-    guesses: Mapping[Window, FaceGuess]  # what each face looks like from its place and cells alone
+    guesses: Mapping[Window, FaceGuess]  # guess at each face from its place and cells only
 
     @classmethod
     def of(
@@ -60,27 +61,27 @@ class Places:
         return all(any(k <= 2 and lo == hi for k, lo, hi in zip(shape, w.lo, w.hi)) for shape, w in ends)
 
     def is_fine(self, n: int) -> bool:
-        """Whether the cells at a plane are those of walls."""
+        """Whether the cells at a plane are like cells at walls."""
         part = self.cells[n]
         return part is not None and part < FINE
 
     def is_coarse(self, n: int) -> bool:
-        """Whether the cells at a plane are those of far fields."""
+        """Whether the cells at a plane are like cells at far fields."""
         part = self.cells[n]
         return part is not None and part > COARSE
 
     def faces(self, kind: str | None = None, levels: Iterable[str] = ("sure", "likely", "unsure")) -> list[Window]:
-        """Faces that look like a kind, of any by default, and so sure."""
+        """Faces that look like a kind, any by default, with a given certainty."""
         return [g.window for g in self.guesses.values() if kind in (None, g.kind) and g.level in levels]
 
     def inside(self, windows: Sequence[Window]) -> list[Window]:
-        """Those of the faces that are in no plane at the rim."""
+        """The faces that are in no plane at the rim."""
         at_rim = {window for plane in self.planes if plane.is_rim for window in plane.windows}
         return [window for window in windows if window not in at_rim]
 
 
 def find_symmetry(places: Places) -> set[int]:
-    """Find the planes of symmetry, by their numbers; all of them are at the rim of the grid."""
+    """Find the planes of symmetry, by number; all of them are at the rim of the grid."""
     rim = [n for n, plane in enumerate(places.planes) if plane.is_rim]
     thin = {n for n in rim if places.is_thin(n)}
     thick = [n for n in rim if n not in thin]
@@ -105,7 +106,7 @@ def _is_symmetry(places: Places, n: int, thick: Sequence[int]) -> bool:
         surfaces = walls if places.is_fine(n) else places.inside(places.faces())
         return plane.ends_normally(grid, walls) or plane.ends_normally(grid, surfaces)
     facing = [places.planes[m] for m in thick if plane.opposes(places.planes[m])]
-    if not facing:  # far from nodes that crowd at walls around it: if the flow comes and goes through two other planes
+    if not facing:  # far from nodes that crowd at walls around it: if the flow goes through two other planes
         is_flow = any(places.planes[m].opposes(places.planes[k]) for m, k in combinations(thick, 2))
         is_near = any(places.distances[m] <= FAR for m in thick)
         return is_flow and not is_near and not places.is_fine(n) and plane.ends_normally(grid, walls or places.faces())
@@ -119,8 +120,8 @@ def _is_symmetry(places: Places, n: int, thick: Sequence[int]) -> bool:
 
 def doubtful_faces(places: Places) -> set[Window]:
     """Find the faces that are likely walls by their places, and planes that may be symmetry as well."""
-    # At the rim they are where the cells are not those of walls; everywhere where a sure wall ends in the plane, but
-    # for such as are themselves sure and not at the rim: the tip of a wing, a blunt trailing edge.
+    # At the rim this is where the cells are not like cells at walls; elsewhere where a sure wall ends in the plane,
+    # except for faces that are themselves sure and not at the rim: the tip of a wing, a blunt trailing edge.
     found = set()
     for n, plane in enumerate(places.planes):
         ends = plane.ends(places.grid, places.inside(_sure_walls(places)))

@@ -22,7 +22,7 @@ from .vtk import Fields, check_fields
 __all__ = ["write_tecplot"]
 
 PER_LINE = 10
-"""Numbers in a line: Tecplot reads at most 32,000 characters of one."""
+"""Numbers per line: Tecplot reads at most 32,000 characters of one."""
 
 
 def write_tecplot(
@@ -30,8 +30,8 @@ def write_tecplot(
 ) -> None:
     """Write a grid for Tecplot, whole or not at all.
 
-    Reals are written with all their digits. IBLANK is written as a node field, the names of the patches, in their
-    order, as the auxiliary data ``patches``. What is not a number becomes -1: the format has no word for it.
+    Reals are written with all their digits. IBLANK is written as a node field, and the names of the patches, in order,
+    as the auxiliary data ``patches``. NaN becomes -1, as the format has no representation for it.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def write_tecplot(
     Raises
     ------
     InputError
-        When a field does not fit the grid or the file cannot be written.
+        If a field does not fit the grid or the file cannot be written.
 
     References
     ----------
@@ -90,7 +90,7 @@ def write_tecplot(
 
 
 def _names(fields: Fields, taken: Sequence[str] = ()) -> list[str]:
-    """Names of the variables of fields: one for each component; of cells, apart from those of nodes."""
+    """Names of the variables of fields: one for each component; those of cells differ from those of nodes."""
     found = []
     for name, arrays in fields.items():
         shape = np.shape(arrays[0])

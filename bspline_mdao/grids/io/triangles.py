@@ -1,6 +1,6 @@
-"""Triangulations of bodies, from STL (text and binary) and OBJ files: targets of fits, and bodies to keep clear of.
+"""Triangulations of bodies, from STL (text and binary) and OBJ files: targets of fits, and bodies to avoid.
 
-Lengths are those of the file: neither format knows a unit. Corners of STL that are equal to the last bit are one.
+Lengths are as in the file: neither format has a unit. Corners of STL that are bitwise equal are one.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from ...errors import InputError
 __all__ = ["Triangles", "read_triangles"]
 
 HEADER, RECORD = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-"""Binary STL: bytes before the triangles, the number of these the last four, and what is written of each."""
+"""Binary STL: bytes before the triangles, of which the last four are their number, and the layout of each."""
 
 CANDIDATES = 4_000_000
-"""Pairs of points and triangles that are looked at together."""
+"""Pairs of points and triangles that are processed together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Triangles(OneLine):
 
     @cached_property
     def _balls(self) -> tuple[cKDTree, np.ndarray]:
-        """Centres of the triangles, and how far their corners are from these."""
+        """Centres of the triangles, and the largest distances of their corners from these."""
         corners = self.points[self.triangles]
         centres = corners.mean(axis=1)
         return cKDTree(centres), lengths((corners - centres[:, None]).reshape(-1, 3)).reshape(-1, 3).max(axis=1)
@@ -80,9 +80,9 @@ class Triangles(OneLine):
         return found
 
     def samples(self, spacing: float) -> np.ndarray:
-        """Points all over the triangles, shape (n, 3), neighbours no farther than a spacing; corners among them.
+        """Points all over the triangles, shape (n, 3), neighbours no farther than a spacing; they include the corners.
 
-        They are what `bspline_mdao.measures.Clearance.from_points` takes.
+        They are the input of `bspline_mdao.measures.Clearance.from_points`.
         """
         if not spacing > 0.0:
             raise InputError(f"{self.source}: a spacing of {spacing:g}; give a positive length")
@@ -104,9 +104,9 @@ class Triangles(OneLine):
 
 def nearest_places(
     points: np.ndarray,  # (n, 3)
-    corners: np.ndarray,  # (n, 3, 3), those of a triangle for each point
+    corners: np.ndarray,  # (n, 3, 3), corners of a triangle for each point
 ) -> np.ndarray:  # (n, 3)
-    """Return the place of each triangle that is nearest to its point: inside, or on the nearest of its sides."""
+    """Return the point of each triangle that is nearest to its point: inside, or on the nearest of its sides."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     normal = np.cross(b - a, c - a)
     square = np.maximum((normal**2).sum(axis=1), np.finfo(float).tiny)
@@ -142,7 +142,7 @@ def read_triangles(path: str | os.PathLike) -> Triangles:
     Raises
     ------
     InputError
-        If the file cannot be read, has no triangle, or numbers that are not finite.
+        If the file cannot be read, has no triangle, or numbers are not finite.
 
     Examples
     --------
@@ -169,7 +169,7 @@ def read_triangles(path: str | os.PathLike) -> Triangles:
 
 
 def _read_stl(data: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Corners and triangles of STL, binary where the file is as long as its number of triangles says."""
+    """Corners and triangles of STL, binary if the length of the file matches its number of triangles."""
     n = int.from_bytes(data[HEADER - 4 : HEADER], "little") if len(data) >= HEADER else -1
     if n >= 0 and len(data) >= HEADER + n * RECORD.itemsize and not (data[:5] == b"solid" and b"facet" in data[:1000]):
         corners = np.frombuffer(data, RECORD, n, HEADER)["corners"].astype(float).reshape(-1, 3)
@@ -185,7 +185,7 @@ def _read_stl(data: bytes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _read_obj(data: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Corners and triangles of OBJ: faces of more corners are fans; numbers below zero count from the last one."""
+    """Corners and triangles of OBJ: faces with more corners become fans; negative numbers count from the end."""
     points: list[list[float]] = []
     triangles: list[tuple[int, int, int]] = []
     for line in data.decode("utf-8", "replace").splitlines():

@@ -31,8 +31,8 @@ def write_vtk(
     """Write a grid for ParaView.
 
     ``path`` becomes the index; the blocks go to files in a folder of the same name without ``.vtm``. IBLANK is written
-    as a node field, and the names of the patches, in their order, as the field data ``patches``. All files are complete
-    before the first takes its place, and that of the index is the last.
+    as a node field, and the names of the patches, in order, as the field data ``patches``. All files are complete
+    before the first takes its place, and the index is the last.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def write_vtk(
     Raises
     ------
     InputError
-        When a field does not fit the grid or a file cannot be written.
+        If a field does not fit the grid or a file cannot be written.
 
     References
     ----------
@@ -135,7 +135,7 @@ def _write_block(path: Path, block: Block, node_fields: Mapping, cell_fields: Ma
 
 
 def _names_element(name: str, names: Sequence[str]) -> list[str]:
-    """Field data of names: the numbers of their characters, each name ended by 0."""
+    """Field data of names: the codes of their characters, each name ended by 0."""
     if not names:
         return []
     codes = " ".join(str(code) for text in names for code in (*text.encode(), 0))
@@ -147,16 +147,16 @@ _BYTE_ORDER = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
 
 
 class _Appended:
-    """Arrays of the appended section, in order, and where the next one begins."""
+    """Arrays of the appended section, in order, and the start of the next one."""
 
     def __init__(self) -> None:
         self.arrays: list[np.ndarray] = []
         self.offset = 0
 
     def declare(self, name: str, values: np.ndarray) -> str:
-        """Queue an array and give the element that refers to it."""
+        """Queue an array and return the element that refers to it."""
         n_components = values.shape[3] if values.ndim == 4 else 1
-        # in VTK i runs fastest, and the components of a node follow each other
+        # in VTK i runs fastest, and the components of a node are consecutive
         array = np.ascontiguousarray(values.transpose((2, 1, 0, *range(3, values.ndim))))
         array = array.astype(array.dtype.newbyteorder("="), copy=False)
         element = (

@@ -1,6 +1,6 @@
-"""Where the entries of blocks lie in one flat array: block after block, each in C order.
+"""Places of the entries of blocks in one flat array: block after block, each in C order.
 
-Nodes, cells, control points and the faces of patches are all numbered like that::
+Nodes, cells, control points and the faces of patches are all numbered in this way::
 
     shapes  (3, 4, 2)      (5, 1, 2)      (2, 2, 2)
             |------------- | ----------- | -------- |
@@ -25,7 +25,7 @@ __all__ = ["BlockLayout", "has_cells"]
 
 @dataclass(frozen=True)
 class BlockLayout(OneLine):
-    """Shapes of blocks whose entries are numbered through, block after block, each in C order; made by `of`."""
+    """Shapes of blocks whose entries are numbered consecutively, block after block, each in C order; made by `of`."""
 
     # number of entries of each block in each direction, of as many directions in all blocks
     shapes: tuple[tuple[int, ...], ...]
@@ -36,12 +36,12 @@ class BlockLayout(OneLine):
         return cls(tuple(tuple(int(n) for n in shape) for shape in shapes))
 
     def __getstate__(self) -> dict:
-        """State without what is made of the shapes."""
+        """State without what is derived from the shapes."""
         return {"shapes": self.shapes}
 
     @cached_property
     def starts(self) -> np.ndarray:
-        """Number of the first entry of each block, and behind these the number of all entries: (n_blocks + 1,)."""
+        """Number of the first entry of each block, followed by the number of all entries: (n_blocks + 1,)."""
         starts = np.cumsum([0, *map(math.prod, self.shapes)], dtype=np.int64)
         starts.flags.writeable = False
         return starts
@@ -63,7 +63,7 @@ class BlockLayout(OneLine):
 
     @cached_property
     def cells(self) -> BlockLayout:
-        """Layout of the cells between nodes: one layer where there is one node, none in a line or a point."""
+        """Layout of the cells between nodes: one layer for one node, none in a line or a point."""
         return BlockLayout(tuple(_n_cells(shape) for shape in self.shapes))
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
@@ -71,7 +71,7 @@ class BlockLayout(OneLine):
         return [values[part].reshape(*shape, *values.shape[1:]) for part, shape in zip(self.slices, self.shapes)]
 
     def join(self, blocks: Sequence[np.ndarray]) -> np.ndarray:
-        """Join values of all blocks, each of shape (*shape, ...), to one array (size, ...): `split` backwards."""
+        """Join values of all blocks, each of shape (*shape, ...), into an array (size, ...): the inverse of `split`."""
         flat = [
             np.reshape(values, (math.prod(shape), *values.shape[len(shape) :]))
             for values, shape in zip(blocks, self.shapes, strict=True)
@@ -79,7 +79,7 @@ class BlockLayout(OneLine):
         return np.concatenate(flat)
 
     def owner(self, numbers: np.ndarray) -> np.ndarray:
-        """Block that has each of some entries, by their numbers."""
+        """Block that contains each of some entries, by their numbers."""
         return np.searchsorted(self.starts, numbers, side="right") - 1
 
     def unravel(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -94,7 +94,7 @@ class BlockLayout(OneLine):
         return block, index
 
     def ravel(self, block: np.ndarray | int, index: np.ndarray) -> np.ndarray:
-        """Numbers of entries by their block and their indices there, shape (n, n_directions): `unravel` backwards."""
+        """Numbers of entries from their block and indices there, shape (n, n_directions): the inverse of `unravel`."""
         sizes, number = self._sizes[block], np.zeros(len(index), dtype=np.int64)
         for d in range(sizes.shape[-1]):
             number = number * sizes[..., d] + index[:, d]
@@ -102,7 +102,7 @@ class BlockLayout(OneLine):
 
     @cached_property
     def _sizes(self) -> np.ndarray:
-        """Shapes as an array (n_blocks, n_directions), of three directions where there is no block."""
+        """Shapes as an array (n_blocks, n_directions), with three directions if there is no block."""
         n_directions = len(self.shapes[0]) if self.shapes else 3
         return np.array(self.shapes, dtype=np.int64).reshape(len(self.shapes), n_directions)
 

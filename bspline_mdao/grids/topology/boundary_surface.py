@@ -1,4 +1,4 @@
-"""Faces of a grid as one surface: its nodes, each once, and the quads between them.
+"""Faces of a grid as one surface: its unique nodes, and the quads between them.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -16,21 +16,19 @@ from .topology import BoundaryFace, Topology
 
 @dataclass(frozen=True, eq=False)
 class BoundarySurface:
-    """Nodes of some boundary faces, each once, and the quads between them."""
+    """Unique nodes of some boundary faces, and the quads between them."""
 
-    rows: np.ndarray  # (n,) of int, row of each node in the grid vector, ascending: the one that is evaluated
+    rows: np.ndarray  # (n,) of int, row of each node in the grid vector, ascending: the row that is evaluated
     # tuple of ndarray of int, each of shape (ni, nj) of int, numbers of the nodes of every face, such that direction i
     # x direction j points into the fluid
     faces: tuple[np.ndarray, ...]
-    # (n,), shortest distance of each node to the next one into the fluid (m); 0 where there is none
+    # (n,), shortest distance of each node to the next one into the fluid (m); 0 if there is none
     heights: np.ndarray
 
     @classmethod
     def of(cls, topology: Topology, nodes: np.ndarray | NodesByRow, faces: Sequence[BoundaryFace]) -> BoundarySurface:
-        """Take faces of a grid by its nodes, shape (n_nodes, 3), or by those of the faces and the layers next to them.
-
-        Nothing is made that is of the size of the grid.
-        """
+        """Take faces of a grid by its nodes, shape (n_nodes, 3), or by the nodes of the faces and their next layers."""
+        # Nothing as large as the grid is allocated.
         copies = node_copies(topology)
         layers = [face_layer_rows(topology, face.window) for face in faces]
         sources = [source_rows(copies, layer) for layer, _ in layers]
@@ -65,19 +63,16 @@ def corners_in_turn(ids: np.ndarray) -> np.ndarray:
 
 
 def facing(
-    layer: np.ndarray,  # layer, inner: (ni, nj) of int, points of the face, and those next to them in the block
+    layer: np.ndarray,  # layer, inner: (ni, nj) of int, points of the face, and the points next to them in the block
     inner: np.ndarray,
     points: np.ndarray | NodesByRow,  # (n, 3), coordinates (m)
-) -> np.ndarray:  # (ni, nj) or (nj, ni) of int, the face, transposed where it looks the other way
+) -> np.ndarray:  # (ni, nj) or (nj, ni) of int, the face, transposed if it is oriented the other way
     """Turn a face so that i x j points to the layer next to it, whatever the handedness of the block."""
     return layer if volume_behind(layer, inner, points) > 0.0 else layer.T
 
 
 def volume_behind(layer: np.ndarray, inner: np.ndarray, points: np.ndarray | NodesByRow) -> float:
-    """Twice the volume (m^3) between a face and the layer next to it, by its quads; negative where i x j points away.
-
-    Parameters are those of `facing`.
-    """
+    """Twice the volume (m^3) between a face and its next layer, negative if i x j points away; see `facing`."""
     x = points[layer]
     area = np.cross(x[1:, 1:] - x[:-1, :-1], x[:-1, 1:] - x[1:, :-1])
     return float(np.sum(area * (points[inner] - x)[:-1, :-1]))

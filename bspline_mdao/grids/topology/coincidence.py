@@ -1,7 +1,7 @@
 """Numbers for the points on which the nodes on faces of blocks lie: nodes that coincide are one point.
 
-Two nodes coincide if they are closer than a small part of the local spacing, or than the round-off of the numbers in
-the file allows, but never so that the two ends of a cell edge of non-zero length become one.
+Two nodes coincide if they are closer than a small fraction of the local spacing, or than the round-off of the numbers
+in the file allows, but never such that the two ends of a cell edge of non-zero length become one.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -21,43 +21,42 @@ from .block_layout import BlockLayout
 from .shell import OnFaces, Shell
 
 SPACING_TOLERANCE = 1e-4
-"""Nodes closer than this part of the local spacing coincide."""
+"""Nodes closer than this fraction of the local spacing coincide."""
 
 NEAR_MISS_TOLERANCE = 1e-2
-"""Faces closer than this part of the local spacing, yet not coincident, are reported."""
+"""Faces closer than this fraction of the local spacing, yet not coincident, are reported."""
 
 ROUND_OFF_UNITS = 2.01
-"""Nodes that differ by no more units in the last place of the data coincide (two, as decimals are seen in binary)..."""
+"""Nodes that differ by at most this many units in the last place coincide (two, as decimals are read in binary)..."""
 
 THIN_CELL_LIMIT = 0.25
-"""...unless that is more than this part of the local spacing."""
+"""...unless that exceeds this fraction of the local spacing."""
 
 MANY_NUMBERS = 1000
-"""Different numbers that have few decimals only if they were rounded."""
+"""Number of different values above which few decimals mean that they were rounded."""
 
 COLLAPSED_EDGE = 1e-12
-"""A cell edge shorter than this part of the block's size has no length."""
+"""A cell edge shorter than this fraction of the block's size has no length."""
 
 COLLAPSED_LINE_RATIO = 1e-3
-"""A grid line within round-off has no length if one beside it is longer by the inverse of this."""
+"""A grid line within round-off has no length if an adjacent one is longer by the inverse of this."""
 
 
 @dataclass(frozen=True)
 class Coincidence:
     """Numbers of the points on which the face nodes of the blocks lie."""
 
-    # ids, near_ids: number of the point at each face node, -1 inside the block; ``near_ids`` also takes near misses as
-    # one
+    # ids, near_ids: number of the point at each face node, -1 inside the block; ``near_ids`` also joins near misses
     ids: tuple[OnFaces, ...]
     near_ids: tuple[OnFaces, ...]
     # shortest edge of non-zero length at each face node, in metres; infinite inside the block
     spacing: tuple[OnFaces, ...]
-    round_off: float  # relative precision of the coordinates as stored
+    round_off: float  # relative precision of the stored coordinates
     unit: float  # absolute precision (m) of coordinates stored with a fixed number of decimals; 0 for others
-    is_coarse: bool  # whether cells are so thin somewhere that round-off had to be left out of the tolerance
+    is_coarse: bool  # whether some cells are so thin that round-off had to be left out of the tolerance
 
     def rounding(self, points: np.ndarray) -> np.ndarray:
-        """Return how far apart (m) each of points (..., 3) may be stored twice, in each coordinate."""
+        """Return the largest difference (m) between two stored copies of points (..., 3), in each coordinate."""
         return _rounding(points, self.round_off, self.unit)
 
 
@@ -82,9 +81,9 @@ def find_coincidence(
 
 
 def data_round_off(blocks: Sequence[Shell]) -> float:
-    """Relative precision with which coordinates are stored: 4-byte reals, decimals of 5 to 12 digits, or 8-byte reals.
+    """Relative precision of stored coordinates: 4-byte reals, decimals of 5 to 12 digits, or 8-byte reals.
 
-    Judged from numbers spread over the blocks. Less than 7 digits are believed only of many different numbers.
+    Determined from numbers spread over the blocks. Fewer than 7 digits are accepted only for many different numbers.
     """
     values = _samples(blocks)
     if _are_single(values):
@@ -110,7 +109,7 @@ def data_unit(blocks: Sequence[Shell]) -> float:
 
 
 def _samples(blocks: Sequence[Shell]) -> np.ndarray:
-    """Absolute values of the samples of each block; those that are zero left out."""
+    """Absolute values of the samples of each block, without zeros."""
     values = np.abs(np.concatenate([shell.samples for shell in blocks]))
     return values[values > 1e-12 * values.max(initial=0.0)]
 
@@ -126,7 +125,7 @@ def _rounding(points: np.ndarray, round_off: float, unit: float) -> np.ndarray:
 
 
 def _face_edges(shell: Shell, round_off: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Spacing at the face nodes of a block, and the pairs of nodes of its collapsed and of its real face edges."""
+    """Spacing at the face nodes of a block, and the end pairs of its collapsed and of its real face edges."""
     spacing = np.full(len(shell.points), np.inf)
     shortest = COLLAPSED_EDGE * shell.extent
     rounding = ROUND_OFF_UNITS * round_off * shell.largest
@@ -158,7 +157,7 @@ def _shorten(spacing: np.ndarray, length: np.ndarray, shortest: float) -> None:
 
 
 def _are_points(lines: np.ndarray, inner: np.ndarray, rounding: float) -> np.ndarray:
-    """Mark grid lines (n, m, 3), n nodes each, that are points but for round-off, as the lines beside them show."""
+    """Mark grid lines (n, m, 3), n nodes each, that are points but for round-off, as adjacent lines show."""
     extent, inner_layer = _norm(np.ptp(lines, axis=0)), _norm(np.ptp(inner, axis=0))
     inner_layer[1:] = np.maximum(inner_layer[1:], extent[:-1])
     inner_layer[:-1] = np.maximum(inner_layer[:-1], extent[1:])
@@ -176,7 +175,7 @@ def _spread(ids: np.ndarray, blocks: Sequence[Shell]) -> tuple[OnFaces, ...]:
 
 
 def _equal_points(points: np.ndarray) -> np.ndarray:
-    """Labels of points, equal where all three coordinates are."""
+    """Labels of points, equal if all three coordinates are."""
     order = np.lexsort(points.T)
     is_new = np.ones(len(points), dtype=bool)
     is_new[1:] = np.any(points[order[1:]] != points[order[:-1]], axis=1)
@@ -186,16 +185,16 @@ def _equal_points(points: np.ndarray) -> np.ndarray:
 
 
 def _join(labels: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Labels 0, 1, ... with those of each pair of points, shape (2, n), made one."""
+    """Labels 0, 1, ..., merged for each pair of points, shape (2, n)."""
     n = int(labels.max(initial=-1)) + 1
     graph = coo_array((np.ones(pairs.shape[1], dtype=bool), (labels[pairs[0]], labels[pairs[1]])), shape=(n, n))
     return connected_components(graph.tocsr(), directed=False)[1][labels]
 
 
 def _merge_close(points: np.ndarray, tolerance: np.ndarray, labels: np.ndarray, real: np.ndarray) -> np.ndarray:
-    """Give points within tolerance one label, except where that would join the ends of a real edge."""
-    # Every label merges with its nearest neighbour until none is near enough. Where a chain of merges has joined the
-    # two ends of an edge, all points of the chain fall back to the labels they came with.
+    """Give points within tolerance the same label, except where that would join the ends of a real edge."""
+    # Every label merges with its nearest neighbour until none is near enough. If a chain of merges has joined the two
+    # ends of an edge, all points of the chain return to their initial labels.
     merged = labels
     while (pairs := _nearest_pairs(points, tolerance, merged)).size:
         merged = _join(merged, pairs)

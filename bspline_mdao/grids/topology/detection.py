@@ -1,8 +1,8 @@
 """The topology of a multi-block grid, found from coincident nodes.
 
-Interfaces are windows of faces that lie on the same points in any orientation; what is declared as a patch of a known
-kind is never part of one. Blocks are cut into *segments*, so that every interface covers whole faces of segments, and
-the *links* between segments say which faces, edges and corners are one. A topology is found once and holds for every
+Interfaces are windows of faces that lie on the same points in any orientation; declared patches of a known kind are
+never part of one. Blocks are cut into *segments*, so that every interface covers whole faces of segments, and the
+*links* between segments say which faces, edges and corners coincide. A topology is found once and is valid for every
 later shape.
 
 Theory: ``docs/theory/topology.rst``.
@@ -37,29 +37,29 @@ SMALLEST_SIZE = 1e-100
 """Size of a block (m) whose square is still far above zero in 8-byte reals."""
 
 MAX_WARNINGS = 20
-"""Warnings kept word for word; the rest is counted."""
+"""Number of warnings kept verbatim; the rest is counted."""
 
 
 def find_topology(grid: Grid | StoredGrid, comm: Any = ONE) -> Topology:
     """Find the topology of a grid.
 
-    Only the faces of blocks are looked at, and the layers of nodes next to them. Of a grid that is stored in a file, a
-    block at a time is read; of several processes each reads some, and the first gets all faces.
+    Only the faces of blocks, and the layers of nodes next to them, are used. A grid that is stored in a file is read a
+    block at a time; each of several processes reads some blocks, and the first one receives all faces.
 
     1. Find the points on which the nodes of faces lie (`find_coincidence`).
-    2. Match the quads of faces on the same points, those of declared patches apart (`match_quads`).
-    3. Group them in regions, and complete these where nodes do not quite meet (`Meeting`).
+    2. Match the quads of faces on the same points, separately for declared patches (`match_quads`).
+    3. Group them into regions, and complete these where nodes do not quite meet (`Meeting`).
     4. Cut blocks into segments, so that interfaces, patches and collapsed windows cover whole faces (`segment_blocks`);
-       again where boundary is found to be periodic, so that both sides are cut alike.
+       repeat this if boundary is found to be periodic, so that both sides are cut in the same way.
     5. Link edges and corners that coincide and are not kept apart (`junction_links`).
-    6. Everything else on faces is boundary; describe what nearly meets, and what looks wrong.
+    6. All other parts of faces are boundary; describe near misses and suspicious places.
 
     Parameters
     ----------
     grid : Grid or StoredGrid
-        The grid; its patches count as declared.
+        The grid, with its declared patches.
     comm : communicator
-        Processes that look at the blocks, all of which call this; this one alone by default.
+        Processes that share the blocks, all of which call this; only this process by default.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def find_topology(grid: Grid | StoredGrid, comm: Any = ONE) -> Topology:
 
 
 def _shells(grid: Grid | StoredGrid, comm: Any) -> list[Shell]:
-    """Faces of all blocks, on the first process; each looks at some of the blocks."""
+    """Faces of all blocks, on the first process; each process takes some of the blocks."""
     with together(comm):
         if not isinstance(grid, StoredGrid):
             require_grid(grid)
@@ -207,7 +207,7 @@ def _covered(faces: Sequence[Face], windows: Sequence[Window]) -> np.ndarray:
 
 
 def _patch_ids(faces: Sequence[Face], patches: Sequence[Patch]) -> np.ndarray:
-    """Return the patch that each quad of all faces belongs to, kind other last, by its number; -1 for none."""
+    """Return the number of the patch of each quad of all faces, kind other last; -1 for none."""
     ids = [np.full(face.n_quads, -1) for face in faces]
     for number in sorted(range(len(patches)), key=lambda number: patches[number].kind != "other"):
         by_block = by_blocks(patches[number].windows)
@@ -224,9 +224,9 @@ def _boundary(
     is_closed: np.ndarray,
     is_declared: np.ndarray,
 ) -> tuple[BoundaryFace, ...]:
-    """List declared face windows where no interface covers them, and rectangles of what is left over."""
+    """List declared face windows not covered by interfaces, and rectangles of the remaining boundary."""
     # All masks are over the quads of all faces: part of an interface; that, or collapsed, or of a patch of known kind;
-    # and of any patch.
+    # part of any patch.
     joined, closed, taken = (_by_face(mask, faces) for mask in (is_joined, is_closed, is_closed | is_declared))
     found = []
     for patch in patches:
@@ -243,9 +243,9 @@ def _boundary(
 def _periodic_pairs(
     grid: Grid | StoredGrid, blocks: Sequence[Shell], boundary: Sequence[BoundaryFace]
 ) -> tuple[PeriodicPair, ...]:
-    """Pairs of periodic windows: those that the file declares, and those that are found where no kind is declared."""
+    """Pairs of periodic windows: declared in the file, and found where no kind is declared."""
     if not grid.patches:
-        return tuple(grid.periodic)  # nothing says what moves, and there is nothing to tie
+        return tuple(grid.periodic)  # nothing says what moves, so there is nothing to tie
     bare = [face.window for face in boundary if face.kind in (None, "other")]
     declared = [
         pair for pair in grid.periodic if all(any(w.overlaps(b) for b in bare) for w in (*pair.windows, *pair.others))
@@ -261,14 +261,14 @@ def _by_face(mask: np.ndarray, faces: Sequence[Face]) -> list[np.ndarray]:
 
 
 def _parts(face: Face, mask: np.ndarray) -> list[Window]:
-    """Cut the quads of a face that a mask marks into windows."""
+    """Cut the marked quads of a face into windows."""
     return [face.part(rectangle) for rectangle in decompose(mask)]
 
 
 def _near_misses(
     blocks: Sequence[Shell], coincidence: Coincidence, is_taken: np.ndarray, doubtful: Sequence[Interface]
 ) -> tuple[NearMiss, ...]:
-    """Interfaces that there would be with a tolerance of near misses, after those that are doubtful."""
+    """Interfaces that a tolerance of near misses would add, after the doubtful ones."""
     faces = block_faces(coincidence.near_ids)
     quads = Quads.of(faces)
     quads.is_degenerate[is_taken | _covered(faces, [side for pair in doubtful for side in (pair.a, pair.b)])] = True
@@ -287,7 +287,7 @@ def _near_miss(blocks: Sequence[Shell], coincidence: Coincidence, interface: Int
 def _joined_gaps(
     blocks: Sequence[Shell], coincidence: Coincidence, interfaces: Sequence[Interface]
 ) -> tuple[NearMiss, ...]:
-    """Pick the interfaces some of whose nodes are farther apart than round-off and the tolerance of single nodes."""
+    """Pick the interfaces with nodes farther apart than round-off and the tolerance of single nodes."""
     found = []
     for interface in interfaces:
         gaps, spacing = _gaps(blocks, coincidence, interface)
@@ -298,14 +298,14 @@ def _joined_gaps(
 
 
 def _repeated(coincidence: Coincidence) -> tuple[tuple[int, int], ...]:
-    """Pairs of blocks whose faces lie on the same points, in whatever orientation: no two regions have one surface."""
+    """Pairs of blocks whose faces lie on the same points, in any orientation: no two regions have the same surface."""
     found: dict[tuple, int] = {}
     keys = [(*sorted(ids.shape), np.unique(ids.values).tobytes()) for ids in coincidence.ids]
     return tuple((found[key], block) for block, key in enumerate(keys) if found.setdefault(key, block) != block)
 
 
 def _gaps(blocks: Sequence[Shell], coincidence: Coincidence, interface: Interface) -> tuple[np.ndarray, np.ndarray]:
-    """Distances of the nodes of both sides of an interface, and the spacing at those of the first (m)."""
+    """Distances between the nodes of both sides of an interface, and the spacing on the first side (m)."""
     a, b = interface.a, interface.b
     there = interface.orientation.apply(blocks[b.block].at(b))
     gaps = np.linalg.norm(blocks[a.block].at(a) - there, axis=-1)
@@ -380,7 +380,7 @@ def _shortened(lines: list[str]) -> tuple[str, ...]:
 def _contacts(
     patches: Sequence[Patch], faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids: np.ndarray
 ) -> list[str]:
-    """Say where patches of a known kind lie on another face; two walls are the sides of a plate, as they should be."""
+    """Say where patches of a known kind lie on another face; two walls are the sides of a plate, as expected."""
     kinds = np.array([*(patch.kind for patch in patches), ""])
     is_plate = (kinds[patch_ids[pairs]] == "wall").all(axis=1)
     lines = []
@@ -405,7 +405,7 @@ def _disagreements(
     patch_ids: np.ndarray,
     is_closed: np.ndarray,
 ) -> list[str]:
-    """Say where the nodes do not bear out the connectivity that the file declares, and where they say more than it."""
+    """Say where the nodes contradict the connectivity that the file declares, and where they indicate more than it."""
     lines = []
     for item in grid.connections:
         gaps, spacing = _gaps(blocks, coincidence, item)
@@ -445,9 +445,9 @@ def _met_windows(
 
 def overlapping(
     blocks: Sequence[Shell],  # faces of the blocks of a grid
-    interfaces: Sequence[Interface],  # its interfaces; those of blocks one node deep have no sides
+    interfaces: Sequence[Interface],  # its interfaces; interfaces of blocks one node deep have no sides
 ) -> Iterator[Interface]:
-    """Pick the interfaces most of whose cells lie on the same side from both blocks."""
+    """Pick the interfaces most of whose cells lie on the same side of both blocks."""
     for interface in interfaces:
         a, b = interface.a, interface.b
         if min(*blocks[a.block].shape, *blocks[b.block].shape) > 1:

@@ -1,7 +1,7 @@
-"""Cells of other component grids that points lie in: donors, as overset solvers find them.
+"""Cells of other component grids that contain points: donors, as overset solvers find them.
 
-From the nearest node of a block a walk goes from cell to cell, to where trilinear coordinates say that the point is,
-until it lies in the cell or beyond the block [1].
+From the nearest node of a block a walk goes from cell to cell, following the trilinear coordinates of the point, until
+the point lies in the cell or beyond the block [1].
 
 [1] J. A. Benek, J. L. Steger, F. C. Dougherty, "A flexible grid embedding technique with application to the Euler
 equations", AIAA 83-1944, 1983.
@@ -22,32 +22,32 @@ from ...base.display import OneLine
 __all__ = ["Donors", "find_donors", "places_in_cells"]
 
 STEPS = 40
-"""Steps of a walk: the nearest node is a corner of the cell, or a few cells away where these are skewed."""
+"""Largest number of steps of a walk: the nearest node is a corner of the cell, or a few cells away in skewed grids."""
 
 NEWTON = 8
-"""Iterations for the coordinates in a cell; those of a parallelepiped need one."""
+"""Iterations for the coordinates in a cell; a parallelepiped needs one."""
 
 FAR = 1e3
-"""Sides of a cell that a point may be away from it after a move: cells of boundary layers are thin."""
+"""Distance of a point from its cell after a move, in cell sides: cells of boundary layers are thin."""
 
 INSIDE = 1e-6
-"""Part of a cell by which a point may be out of it: what rounding leaves on the faces between two cells."""
+"""Distance of a point from a cell, in cell sides, that counts as inside: rounding at the faces between two cells."""
 
 
 @dataclass(frozen=True, eq=False)
 class Donors(OneLine):
-    """Cells of blocks that points lie in."""
+    """Cells of blocks that contain points."""
 
-    block: np.ndarray  # int (n,), block of each point's cell; -1 where it is in none
+    block: np.ndarray  # int (n,), block of each point's cell; -1 if it is in none
     cell: np.ndarray  # int (n, 3), first node of the cell in each direction
     place: np.ndarray  # (n, 3), trilinear coordinates in the cell, 0 to 1
 
 
 def find_donors(
-    nodes: Sequence[np.ndarray],  # (ni, nj, nk, 3), nodes of the blocks that are looked at (m)
+    nodes: Sequence[np.ndarray],  # (ni, nj, nk, 3), nodes of the blocks to search (m)
     points: np.ndarray,  # (n, 3), the points (m)
 ) -> Donors:
-    """Find the cells that points lie in; of several blocks, the smallest cell."""
+    """Find the cells that contain points; if there are several, the smallest."""
     n = len(points)
     block, cell, place = np.full(n, -1), np.zeros((n, 3), dtype=np.int64), np.zeros((n, 3))
     smallest = np.full(n, np.inf)
@@ -66,7 +66,7 @@ def find_donors(
 
 
 def places_in_cells(nodes: Sequence[np.ndarray], donors: Donors, points: np.ndarray) -> np.ndarray:
-    """Trilinear coordinates of points, shape (n, 3), in cells that are known, of blocks that may have moved."""
+    """Trilinear coordinates of points, shape (n, 3), in known cells of blocks that may have moved."""
     places = donors.place.copy()
     for number, block_nodes in enumerate(nodes):
         at = np.flatnonzero(donors.block == number)
@@ -75,7 +75,7 @@ def places_in_cells(nodes: Sequence[np.ndarray], donors: Donors, points: np.ndar
 
 
 def _walk(nodes: np.ndarray, starts: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cells that walks in a block end in, the coordinates there, and whether points are inside."""
+    """Final cells of walks in a block, the coordinates there, and whether points are inside."""
     last = np.array(nodes.shape[:3]) - 2
     cells, places = np.minimum(starts, last), np.full(points.shape, 0.5)
     is_inside, walking = np.zeros(len(points), dtype=bool), np.arange(len(points))
@@ -105,7 +105,7 @@ def _weights(places: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _gradients(corners: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Derivatives of places by coordinates in cells, shape (n, 3, 3): columns are the directions."""
+    """Derivatives of places with respect to coordinates in cells, shape (n, 3, 3): columns are the directions."""
     a, b, c = _weights(places)
     ends = np.array([-1.0, 1.0])
     parts = (
@@ -117,13 +117,13 @@ def _gradients(corners: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def _solved(corners: np.ndarray, points: np.ndarray, places: np.ndarray, reach: float = 1.0) -> np.ndarray:
-    """Coordinates of points in cells by Newton's method, held within a reach of the cell, in its sides."""
+    """Coordinates of points in cells by Newton's method, limited to a distance from the cell, in its sides."""
     tiny = np.finfo(float).tiny
     for _ in range(NEWTON):
         a, b, c = _weights(places)
         off = points - np.einsum("ni,nj,nk,nijkd->nd", a, b, c, corners)
         matrix = _gradients(corners, places)
-        # where a cell is collapsed, its matrix is singular: a step of least squares
+        # the matrix of a collapsed cell is singular: a least-squares step
         step = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=1e-12), off) if len(matrix) else off
         places = np.clip(places + step, -reach, 1.0 + reach)
         if np.abs(step).max(initial=tiny) < 1e-13:

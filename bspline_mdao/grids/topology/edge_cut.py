@@ -1,6 +1,6 @@
-"""Pieces of a grid exchanged between processes until the cuts between these are short.
+"""Exchange of grid pieces between processes to shorten the cuts between them.
 
-What processes tell each other, and what their preconditioners lose, goes with the faces between them.
+The communication between processes, and the loss in their preconditioners, grow with the faces between them.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -18,10 +18,10 @@ from .topology import Topology
 __all__ = ["faces_between", "with_short_cuts"]
 
 SLACK = 0.02
-"""By how much of the mean exchanges may raise the largest load."""
+"""Increase of the largest load that exchanges may cause, relative to the mean."""
 
 PATIENCE = 10
-"""Exchanges in a row that may gain nothing before a pass ends."""
+"""Number of successive exchanges without gain before a pass ends."""
 
 
 def with_short_cuts(topology: Topology, dealt: Sequence[Sequence[Window]]) -> list[list[Window]]:
@@ -30,24 +30,11 @@ def with_short_cuts(topology: Topology, dealt: Sequence[Sequence[Window]]) -> li
     In passes, until one gains nothing:
 
     1. Of all exchanges of two pieces and all moves of one, without those that took part in this pass, do the best one
-       that keeps the largest load, even where it is a loss.
-    2. Go on until some in a row have led to nothing better than before; take back what came after the best.
+       that keeps the largest load, even if it is a loss.
+    2. Continue until several in a row have led to nothing better; undo those after the best.
 
-    Parameters
-    ----------
-    topology : Topology
-    dealt : sequence of sequence of Window
-        Pieces of each process.
-
-    Returns
-    -------
-    list of list of Window
-        The same pieces.
-
-    References
-    ----------
-    - [1] B. W. Kernighan and S. Lin, "An efficient heuristic procedure for partitioning graphs", Bell System Technical
-      Journal 49 (1970), 291-307.
+    [1] B. W. Kernighan and S. Lin, "An efficient heuristic procedure for partitioning graphs", Bell System Technical
+    Journal 49 (1970), 291-307.
     """
     pieces, n = [piece for pieces_of_rank in dealt for piece in pieces_of_rank], len(dealt)
     sizes, faces = np.array([math.prod(piece.shape) for piece in pieces]), faces_between(topology, pieces)
@@ -70,7 +57,7 @@ def _after_a_pass(
         one, other, target, change = _best_exchange(faces, sizes, now, n, most, is_free)
         if change == -np.inf:
             break
-        now[[one, other]] = target, now[one]  # of a move the other one is the same
+        now[[one, other]] = target, now[one]  # in a move, both are the same
         now[one], is_free[[one, other]] = target, False
         gain, n_tried = gain + change, n_tried + 1
         if gain > most_gained:
@@ -81,7 +68,7 @@ def _after_a_pass(
 def _best_exchange(
     faces: np.ndarray, sizes: np.ndarray, ranks: np.ndarray, n: int, most: float, is_free: np.ndarray
 ) -> tuple[int, int, int, float]:
-    """Piece that goes, the one that comes for it or the same one, process that it goes to, and what it gains."""
+    """Piece that goes, the piece that replaces it or the same one, its new process, and the gain."""
     loads, each = np.bincount(ranks, sizes, n), np.arange(len(ranks))
     shared = np.stack([faces[:, ranks == k].sum(axis=1) for k in range(n)], axis=1)  # of a piece with a process
     gains = shared - shared[each, ranks][:, None]
@@ -99,7 +86,7 @@ def _best_exchange(
 
 
 def faces_between(topology: Topology, pieces: Sequence[Window]) -> np.ndarray:
-    """Faces of cells that any two pieces of blocks share, within blocks and through interfaces: shape (n, n)."""
+    """Cell faces that any two pieces of blocks share, within blocks and through interfaces: shape (n, n)."""
     number, of_block = {piece: n for n, piece in enumerate(pieces)}, by_blocks(pieces)
     faces = np.zeros((len(pieces), len(pieces)))
 
@@ -123,12 +110,12 @@ def faces_between(topology: Topology, pieces: Sequence[Window]) -> np.ndarray:
 
 
 def _common(one: Window, other: Window) -> Window:
-    """Nodes that two windows of a block share; none where some ``lo`` is above ``hi``."""
+    """Nodes that two windows of a block share; none if any ``lo`` is above ``hi``."""
     lo, hi = np.maximum(one.lo, other.lo), np.minimum(one.hi, other.hi)
     return Window(one.block, tuple(lo.tolist()), tuple(hi.tolist()))
 
 
 def _n_faces(one: Window, other: Window) -> int:
-    """Faces of cells in the plane that two windows of a block share; 0 where that is no plane."""
+    """Cell faces in the plane that two windows of a block share; 0 if they share no plane."""
     steps = [n - 1 for n in _common(one, other).shape]
     return math.prod(step for step in steps if step) if min(steps) == 0 and steps.count(0) == 1 else 0

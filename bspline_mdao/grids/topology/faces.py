@@ -1,4 +1,4 @@
-"""Faces of blocks as surfaces of quads, the parts of them that have collapsed, and sets of quads cut into rectangles.
+"""Faces of blocks as surfaces of quads, their collapsed parts, and sets of quads cut into rectangles.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -16,14 +16,14 @@ from .index_space import Window, face_layers
 from .shell import OnFaces, Shell
 
 TINY = np.finfo(float).tiny
-"""Length (m) of a vector that has no direction."""
+"""Length (m) below which a vector has no direction."""
 
 
 @dataclass(frozen=True)
 class Face:
     """One face of a block with the points on which its nodes lie."""
 
-    # The face of a block that is one node deep is a line: its quads are then segments, flat in one tangent direction.
+    # A face of a block that is one node deep is a line: its quads are segments, flat in one tangent direction.
 
     window: Window  # the whole face
     normal: int  # the direction in which the face is flat
@@ -37,7 +37,7 @@ class Face:
 
     @property
     def n_quads(self) -> tuple[int, ...]:
-        """Number of quads in each tangent direction; one where the face is one node wide."""
+        """Number of quads in each tangent direction; one if the face is one node wide."""
         return tuple(max(n - 1, 1) for n in self.ids.shape)
 
     @property
@@ -67,20 +67,20 @@ class Face:
 
 
 def inward_directions(nodes: np.ndarray | Shell, window: Window) -> np.ndarray:
-    """Return unit vectors into a block, shape (n, m, 3), from the nodes of a face window to those of the next layer."""
-    # They are zero where the two coincide.
+    """Return unit vectors into a block, shape (n, m, 3), from the nodes of a face window to the next layer."""
+    # They are zero if the two coincide.
     face, inner = nodes.layers(window) if isinstance(nodes, Shell) else face_layers(nodes, window)
     return unit_vectors(inner - face, np.zeros_like(face), TINY)
 
 
 def quad_corners(values: np.ndarray) -> np.ndarray:
-    """Values at the corners of each quad, shape ``(*n_quads, 4)``, of values at the nodes of a face, shape (n, m)."""
+    """Values at the corners of each quad, shape ``(*n_quads, 4)``, from values at the nodes of a face, shape (n, m)."""
     ends = [(slice(None, -1), slice(1, None)) if n > 1 else (slice(None), slice(None)) for n in values.shape]
     return np.stack([values[ends[0][p], ends[1][q]] for q in range(2) for p in range(2)], axis=-1)
 
 
 def block_faces(ids: Sequence[OnFaces]) -> list[Face]:
-    """All faces of all blocks, from the points of their nodes; those of a block one node deep are its lines."""
+    """All faces of all blocks, from the points of their nodes; for a block one node deep these are its lines."""
     faces = []
     for block, block_ids in enumerate(ids):
         whole = Window.whole(block, block_ids.shape)
@@ -92,7 +92,7 @@ def block_faces(ids: Sequence[OnFaces]) -> list[Face]:
 
 
 def collapsed_windows(faces: Sequence[Face]) -> dict[Window, tuple[int, ...]]:
-    """Face windows, and edge windows beside them, of zero extent, with the directions in which they have none."""
+    """Face windows, and adjacent edge windows, of zero extent, with the directions of zero extent."""
     found: dict[Window, tuple[int, ...]] = {}
     for face in faces:
         for axis, d in enumerate(face.tangents):
@@ -106,7 +106,7 @@ def collapsed_windows(faces: Sequence[Face]) -> dict[Window, tuple[int, ...]]:
 
 
 def _containment(windows: dict[Window, tuple[int, ...]]) -> Callable[[Window, int], bool]:
-    """Return a function that says whether an edge without extent along d lies in one of the windows without it."""
+    """Return a function that says whether an edge without extent along d lies in one of the collapsed windows."""
     ends: dict[tuple[int, int], list[tuple]] = {}
     for window, directions in windows.items():
         for d in directions:
@@ -127,7 +127,7 @@ def _collapsed_quads(face: Face, axis: int) -> np.ndarray:
 
 
 def _zero_edges(face: Face, axis: int) -> np.ndarray:
-    """Mask of the cell edges along one tangent axis, that axis first, whose ends are one point."""
+    """Mask of the cell edges along one tangent axis, this axis first, whose ends are one point."""
     ids = np.moveaxis(face.ids, axis, 0)
     return ids[1:] == ids[:-1]
 
@@ -163,8 +163,8 @@ class Rectangle:
 
 
 def decompose(
-    mask: np.ndarray,  # (n, m) of bool, the set
-    limit: int | None = None,  # stop after so many rectangles; the rest is left out
+    mask: np.ndarray,  # (n, m) of bool, the mask
+    limit: int | None = None,  # largest number of rectangles; the rest is left out
 ) -> list[Rectangle]:
     """Cut the True part of a mask into rectangles, the largest first."""
     if not mask.any():

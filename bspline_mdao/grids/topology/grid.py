@@ -1,4 +1,4 @@
-"""A multi-block structured grid in memory, and what cannot be a node of one.
+"""A multi-block structured grid in memory, and checks of its nodes.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -20,7 +20,7 @@ from .index_space import Interface, Window
 from .periodic_pair import PeriodicPair
 
 PATCH_KINDS = ("wall", "symmetry", "farfield", "overset", "other")
-"""Kinds of boundary conditions; overset are outer boundaries of component grids inside others."""
+"""Kinds of boundary conditions; overset marks outer boundaries of component grids inside others."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Patch(OneLine):
     Parameters
     ----------
     name : str
-        The user's name for it.
+        The name of the surface.
     kind : str
         One of `PATCH_KINDS`.
     windows : tuple of Window
@@ -64,14 +64,14 @@ class Block(OneLine):
     nodes : ndarray, shape (ni, nj, nk, 3), float64, C order
         Node coordinates, in metres.
     name : str
-        Zone name; ``"block 3"`` and the like where the file has none.
+        Zone name; ``"block 3"`` and the like if the file has none.
     iblank : ndarray of int32, shape (ni, nj, nk), optional
         PLOT3D blanking.
 
     Raises
     ------
     InputError
-        If nodes or blanking are of another shape, or no numbers.
+        If nodes or blanking have the wrong shape, or are not numbers.
 
     Examples
     --------
@@ -110,7 +110,7 @@ class Block(OneLine):
 
 @dataclass(frozen=True)
 class Grid(Plottable):
-    """A multi-block structured grid: blocks, declared patches and connections, and how it was written.
+    """A multi-block structured grid: blocks, declared patches and connections, and the format of its file.
 
     Parameters
     ----------
@@ -119,16 +119,16 @@ class Grid(Plottable):
     patches : tuple of Patch
         Declared patches (from CGNS boundary conditions, a TOML file or a NMF file).
     source : str
-        Where the grid came from, for messages.
+        Origin of the grid, for messages.
     dialect : object, optional
-        How the file was written, so that it can be written back alike; None for a generated grid.
+        Details of the file's format, so that it can be written in the same way; None for a generated grid.
     connections : tuple of Interface
-        One-to-one connections that the file declares, each once. The topology is found from the nodes; it warns where
-        the two do not agree.
+        One-to-one connections that the file declares, each once. The topology is found from the nodes; a warning says
+        where the two disagree.
     unit : str
-        Unit of lengths, such as ``"mm"``; empty where nobody says it. Numbers are never rescaled.
+        Unit of lengths, such as ``"mm"``; empty if unknown. Numbers are never rescaled.
     periodic : tuple of PeriodicPair
-        Sides that the file declares as periodic: their windows, and the motion that lays one side onto the other.
+        Sides that the file declares as periodic: their windows, and the motion that maps one side onto the other.
 
     Examples
     --------
@@ -150,7 +150,7 @@ class Grid(Plottable):
 
     @property
     def length_unit(self) -> str:
-        """Unit that lengths are shown in: metres where nobody says another one."""
+        """Unit in which lengths are shown: metres if unknown."""
         return self.unit or "m"
 
     def __post_init__(self) -> None:
@@ -183,7 +183,7 @@ class Grid(Plottable):
 
     @property
     def n_nodes(self) -> int:
-        """Nodes of all blocks, interface nodes counted once for every block that holds them."""
+        """Nodes of all blocks; interface nodes are counted once for every block that contains them."""
         return self.layout.size
 
     def to_vector(self) -> np.ndarray:
@@ -203,7 +203,7 @@ class Grid(Plottable):
 
 
 def require_grid(grid: Any) -> None:
-    """Refuse what is no grid of real numbers."""
+    """Refuse anything but a grid of real numbers."""
     require_kind(grid, Grid, "the grid", "read one with read_grid(path), or make a Grid of Blocks")
     if any(np.iscomplexobj(block.nodes) for block in grid.blocks):
         raise InputError(f"{grid.source}: has complex nodes; give real ones")
@@ -212,9 +212,9 @@ def require_grid(grid: Any) -> None:
 def find_fault(
     blocks: Iterable[Block],  # the blocks of a grid
     first: int = 1,  # number of the first of them, from 1
-    lo: tuple[int, ...] = (0, 0, 0),  # index of their first node in the whole block, where they are windows
-) -> str | None:  # block, indices (from 1) and value; None where all nodes are sound
-    """Name the first node that is not finite, farther away than any grid reaches, or has an IBLANK that is none."""
+    lo: tuple[int, ...] = (0, 0, 0),  # index of their first node in the whole block, if they are windows
+) -> str | None:  # block, indices (from 1) and value; None if all nodes are valid
+    """Name the first node that is not finite or too far away, or has an invalid IBLANK."""
     for number, block in enumerate(blocks, first):
         name = f"block {number}" + (f" '{block.name}'" if block.name != f"block {number}" else "")
         is_sound = np.abs(block.nodes) <= MAX_COORDINATE
@@ -230,7 +230,7 @@ def find_fault(
 
 
 MAX_COORDINATE = 1e15
-"""Metres; a larger coordinate is a damaged number, and its powers would overflow further on."""
+"""Metres; a larger coordinate is a damaged number, and its powers would overflow later."""
 
 
 MAX_IBLANK = 1_000_000

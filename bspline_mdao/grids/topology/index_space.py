@@ -1,6 +1,6 @@
 """Index spaces of structured blocks: windows, sections, and the maps between them.
 
-A block of ``ni x nj x nk`` nodes owns the index space ``(0..ni-1, 0..nj-1, 0..nk-1)``. A `Window` is a closed box in
+A block of ``ni x nj x nk`` nodes has the index space ``(0..ni-1, 0..nj-1, 0..nk-1)``. A `Window` is a closed box in
 it; a face, an edge, a corner or a sub-volume is a window that is flat in one, two, three or no directions::
 
             k
@@ -75,12 +75,12 @@ class Window(OneLine):
         return self.block == other.block and all(a <= b and c <= d for a, b, c, d in ends)
 
     def overlaps(self, other: Window) -> bool:
-        """Whether two windows of a block share cells, or cells of one face where they are flat."""
+        """Whether two windows of a block share cells, or cells of one face if they are flat."""
         ends = zip(self.lo, self.hi, other.lo, other.hi)
         return self.block == other.block and all(max(a, c) < min(b, d) or a == b == c == d for a, b, c, d in ends)
 
     def is_on_face(self, shape: tuple[int, ...]) -> bool:
-        """Whether the window lies in a block of ``shape`` nodes, on one of its faces, and is no line or point of it."""
+        """Whether the window lies on a face of a block of ``shape`` nodes, and is not a line or a point of it."""
         ends = tuple(zip(self.lo, self.hi, shape))
         n_flat = sum(lo == hi and n > 1 for lo, hi, n in ends)
         is_inside = all(0 <= lo <= hi < n for lo, hi, n in ends)
@@ -94,7 +94,7 @@ class Window(OneLine):
 
 
 def by_blocks(windows: Iterable[Window]) -> dict[int, list[Window]]:
-    """Sort windows into the blocks that hold them."""
+    """Sort windows by their blocks."""
     sorted_windows: dict[int, list[Window]] = {}
     for window in windows:
         sorted_windows.setdefault(window.block, []).append(window)
@@ -109,7 +109,7 @@ def _put(index: tuple[int, ...], d: int, value: int) -> tuple[int, ...]:
 class Orientation:
     """A signed permutation of directions that maps one index space onto another."""
 
-    # Direction ``d`` of the first space runs along direction ``perm[d]`` of the second, backwards where ``flip[d]``.
+    # Direction ``d`` of the first space runs along direction ``perm[d]`` of the second, backwards if ``flip[d]``.
 
     perm: tuple[int, ...] = (0, 1, 2)  # A permutation of (0, 1, 2)
     # whether each direction of the first space runs backwards in the second
@@ -135,19 +135,19 @@ class Interface(OneLine):
     # a, b: face windows of grid blocks; both may lie in one block (O and C grids), even in one face (a fold)
     a: Window
     b: Window
-    # maps the directions of a's block to those of b's, the flat one to the flat one, backwards where leaving block a
+    # maps the directions of a's block to those of b's, the flat one to the flat one, backwards if leaving block a
     # means entering block b against its index
     orientation: Orientation
 
     def map_window(self, window: Window) -> Window:
-        """Return the part of side b that a part of side a meets."""
+        """Return the part of side b that meets a part of side a."""
         lo, hi = [0, 0, 0], [0, 0, 0]
         for d, p in enumerate(self.orientation.perm):
             lo[p], hi[p] = sorted(self.map_index(d, index) for index in (window.lo[d], window.hi[d]))
         return Window(self.b.block, tuple(lo), tuple(hi))
 
     def map_index(self, d: int, index: int) -> int:
-        """Return the index along direction ``orientation.perm[d]`` of block b that one along d of a meets."""
+        """Return the index along direction ``orientation.perm[d]`` of block b that meets an index along d of a."""
         p = self.orientation.perm[d]
         steps = index - self.a.lo[d]
         return self.b.hi[p] - steps if self.orientation.flip[d] else self.b.lo[p] + steps
@@ -162,7 +162,7 @@ Section = tuple[int | None, ...]
 
 
 def sections_of(shape: tuple[int, ...], n_free: int) -> list[Section]:
-    """List the sections with a number of free directions; a direction of one node has one end and is never free.
+    """List the sections with a given number of free directions; a direction of one node has one end and is never free.
 
     Examples
     --------
@@ -184,7 +184,7 @@ def whole_slices(section: Section) -> tuple[slice, ...]:
 
 
 def section_rows(shape: tuple[int, ...], section: Section, start: int = 0) -> np.ndarray:
-    """Give the points of a section their rows in the C order of the whole index space, from ``start``."""
+    """Number the points of a section in the C order of the whole index space, from ``start``."""
     strides = (shape[1] * shape[2], shape[2], 1)
     axes = [np.arange(n) if end is None else np.array([end % n]) for n, end in zip(shape, section)]
     i, j, k = np.ix_(*axes)
@@ -192,14 +192,14 @@ def section_rows(shape: tuple[int, ...], section: Section, start: int = 0) -> np
 
 
 def window_rows(window: Window, shape: Sequence[int], start: int = 0) -> np.ndarray:
-    """Give the nodes of a window of a block their rows, from ``start``: an array of the window's shape."""
+    """Number the nodes of a window of a block, from ``start``: an array of the window's shape."""
     i, j, k = np.ix_(*[np.arange(lo, hi + 1) for lo, hi in zip(window.lo, window.hi)])
     return start + (i * shape[1] + j) * shape[2] + k
 
 
 def face_layers(
     values: np.ndarray,  # (ni, nj, nk, ...), values at the nodes of the block
-    window: Window,  # window of a face of the block; of a block one node deep, both layers are that one
+    window: Window,  # window of a face of the block; in a block one node deep, both layers are this one
 ) -> tuple[np.ndarray, ...]:  # face, inner: (n, m, ...), over the tangent directions in ascending order
     """Take the values at a face window of a block, and at the layer of nodes next to it."""
     flat = window.shape.index(1)

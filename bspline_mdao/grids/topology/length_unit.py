@@ -1,6 +1,6 @@
-"""The unit of the lengths of a grid: what its file says, or its user.
+"""The unit of the lengths of a grid, from its file or its user.
 
-Numbers are never rescaled: the unit is written beside them. Where nothing is said, metres are assumed.
+Numbers are never rescaled: the unit is written next to them. Without a unit, metres are assumed.
 
 Theory: ``docs/theory/grid_files.rst``, "Units".
 """
@@ -21,27 +21,27 @@ LENGTH_UNITS = tuple(_METRES)
 
 
 class WithUnit(Protocol):
-    """A grid, or a mesh without structure."""
+    """A grid, or an unstructured mesh."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     @property
     def source(self) -> str:
-        """Where it comes from, for messages."""
+        """Its origin, for messages."""
 
     @property
     def unit(self) -> str:
-        """Unit of its lengths; empty where nothing says it."""
+        """Unit of its lengths; empty if unknown."""
 
 
 AnyGrid = TypeVar("AnyGrid", bound=WithUnit)
 
 
 def in_unit(
-    grid: AnyGrid,  # the grid, or mesh without structure
-    unit: str | None,  # one of `LENGTH_UNITS`; None leaves it as its file says
+    grid: AnyGrid,  # the grid, or unstructured mesh
+    unit: str | None,  # one of `LENGTH_UNITS`; None keeps the unit of its file
 ) -> AnyGrid:
-    """Say in which unit the lengths of a grid are; its numbers stay."""
+    """Set the unit of the lengths of a grid; its numbers stay."""
     from .grid import Grid  # here: help of the commands lists the units, and loads nothing heavy
     from .stored_grid import StoredGrid
 
@@ -58,5 +58,5 @@ def in_unit(
 
 
 def metres_of(unit: str) -> float:
-    """How many metres a unit is."""
+    """Length of a unit in metres."""
     return _METRES[unit]

@@ -1,13 +1,13 @@
 """Interfaces from the quads of block faces that lie on the same points.
 
-Two quads on the same four points match in one of eight ways (*turns*): the tangent directions run along each other or
-cross over, and each may run backwards. Quads that match by the same turn and the same shift of indices form a region
-of two faces; the rectangles of a region are interfaces.
+Two quads on the same four points match in one of eight ways (*turns*): the tangent directions are parallel or crossed,
+and each may run backwards. Quads that match by the same turn and the same shift of indices form a region of two faces;
+the rectangles of a region are interfaces.
 
 Next to a wall, round-off of the file can be as large as the cells, and nodes that belong together can be farther apart
-than nodes of one cell. They cannot be paired one by one. Two things say what belongs together all the same: a match
-found elsewhere on the two faces maps the whole of one to the other, and the surfaces of the faces can be compared on
-their own, without the thin cells across them. That completes the regions (`Meeting`).
+than nodes of one cell, so they cannot be paired one by one. Two other facts determine what belongs together: a match
+found elsewhere on the two faces maps the whole of one to the other, and the surfaces of the faces can be compared
+without the thin cells across them. This completes the regions (`Meeting`).
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -28,7 +28,7 @@ from .index_space import Interface, Orientation, Window
 from .shell import Shell
 
 MAX_RECTANGLES = 64
-"""A region more ragged than this many rectangles keeps the largest ones."""
+"""Largest number of rectangles of a region; more ragged regions keep the largest ones."""
 
 _TURNS: list[tuple[int, ...]] = [(swap, flip0, flip1) for swap in (0, 1) for flip0 in (0, 1) for flip1 in (0, 1)]
 _TURNED_CORNERS = np.array(
@@ -73,12 +73,12 @@ class Matches:
     """Quads that lie on the same points."""
 
     pairs: np.ndarray  # (n, 2) of int, pairs of quads that are one, the lower number first
-    separated: np.ndarray  # (m, 2) of int, pairs of quads that coincide but of which at least one is declared
+    separated: np.ndarray  # (m, 2) of int, pairs of coincident quads of which at least one is declared
     ambiguous: np.ndarray  # (l,) of int, undeclared quads that coincide with two or more others
 
 
 def match_quads(quads: Quads, is_declared: np.ndarray) -> Matches:
-    """Find the quads that lie on the same points; declared ones, and those they coincide with, are kept apart."""
+    """Find the quads that lie on the same points; declared ones, and those coincident with them, are kept apart."""
     live = np.flatnonzero(~quads.is_degenerate)
     keys = np.sort(quads.corners[live], axis=1)
     order = np.lexsort(keys.T)
@@ -118,7 +118,7 @@ class Region:
         return ends[::-1] if swap else ends
 
     def map_rectangle(self, rectangle: Rectangle) -> Rectangle:
-        """Return the rectangle of face b that a rectangle of face a meets."""
+        """Return the rectangle of face b that meets a rectangle of face a."""
         ends = self.map_quads(*rectangle.lo), self.map_quads(*rectangle.hi)
         return Rectangle(tuple(map(min, *ends)), tuple(map(max, *ends)))
 
@@ -138,7 +138,7 @@ class Region:
 
 def find_regions(quads: Quads, pairs: np.ndarray) -> list[Region]:
     """Group pairs of quads by their faces, turn and shift, in that order."""
-    # Where more than one turn fits (across the flat direction of a line) the first, which does not flip, is taken.
+    # If more than one turn fits (across the flat direction of a line) the first, which does not flip, is taken.
     a, b = pairs.T
     fits = (quads.corners[b][:, _TURNED_CORNERS] == quads.corners[a][:, None]).all(axis=2)
     pairs, turn = pairs[fits.any(axis=1)], fits[fits.any(axis=1)].argmax(axis=1)
@@ -175,7 +175,7 @@ def _shifts(quads: Quads, a: np.ndarray, b: np.ndarray, turn: np.ndarray) -> tup
 
 
 def _orientation(a: Face, b: Face, turn: int) -> Orientation:
-    """Return the orientation of blocks that a turn of their faces makes."""
+    """Return the orientation of blocks for a turn of their faces."""
     swap, *flips = _TURNS[turn]
     perm, flip = [0, 0, 0], [False] * 3
     perm[a.normal], flip[a.normal] = b.normal, a.is_high == b.is_high
@@ -186,7 +186,7 @@ def _orientation(a: Face, b: Face, turn: int) -> Orientation:
 
 @dataclass(frozen=True)
 class Meeting:
-    """Faces of a grid and how far apart nodes that meet may be."""
+    """Faces of a grid, and the largest distance between nodes that meet."""
 
     # faces, quads: all faces and their quads
     faces: Sequence[Face]
@@ -196,16 +196,15 @@ class Meeting:
     coincidence: Coincidence  # points, spacing and round-off of single nodes
 
     def complete(self, regions: Sequence[Region]) -> tuple[list[Region], list[Region]]:
-        """Extend regions over the quads that their maps lay onto each other, the largest first."""
+        """Extend regions over the quads that their maps place onto each other, the largest first."""
         # Returns completed: the regions; doubtful: holes in them whose corners are up to a quarter of a cell apart,
         # which are not filled.
         #
-        # 1. Completion: a quad is added whose corners meet within round-off of the file.
+        # 1. Completion: a quad is added if its corners meet within round-off of the file.
         # 2. Comparison of surfaces, where round-off is as large as cells: regions are found from faces on their own and
-        #    completed in turn; a quad that could be part of several goes to the largest.
+        #    completed in turn; a quad that could belong to several goes to the largest.
         # 3. Holes: a quad whose corners meet within `NEAR_MISS_TOLERANCE` of the local spacing is added if it lies in a
-        #    hole of the region that has no open neighbour, and if most corners of the region with its holes meet as
-        #    they are.
+        # hole of the region without open neighbours, and if most corners of the region with its holes meet unchanged.
         completed = self._completed(regions)  # step 1, and step 3 in `_extended`
         if self.coincidence.is_coarse:
             found = self._face_regions(completed)  # step 2
@@ -220,7 +219,7 @@ class Meeting:
         ]
 
     def _completed(self, regions: Sequence[Region]) -> list[Region]:
-        """Extend regions one after the other, the largest first, each over quads that none before it has taken."""
+        """Extend regions in order, the largest first, each over quads that no earlier one has taken."""
         is_free = self.is_free.copy()
         if not self.coincidence.is_coarse:
             for region in regions:
@@ -238,15 +237,15 @@ class Meeting:
     def _extended(
         self, region: Region, is_free: np.ndarray, tolerance: float = NEAR_MISS_TOLERANCE, least_fraction: float = 0.5
     ) -> np.ndarray:
-        """Pairs of quads, the lower number first, of a region and of what is free and belongs to it."""
-        # Holes are filled whose corners are within a tolerance of their partners, relative to the local spacing, if a
-        # least fraction of the corners of the region meets.
+        """Pairs of quads, the lower number first, of a region and of the free quads that belong to it."""
+        # Holes are filled if their corners are within a tolerance of their partners, relative to the local spacing, and
+        # a minimum fraction of the corners of the region meets.
         fraction, distance, partner = self._mapped(region)
         quads = np.arange(partner.size).reshape(partner.shape) + self.quads.starts(len(self.faces))[region.a]
         can_join = is_free[quads] & (partner >= 0) & is_free[partner]
         is_in = (fraction == 1.0) & can_join  # step 1
         is_in[self.quads.p[region.pairs[:, 0]], self.quads.q[region.pairs[:, 0]]] = True
-        # step 3: a hole beside open quads is the rest of two faces that part, as behind a cusped trailing edge
+        # step 3: a hole next to open quads is the rest of two faces that part, as behind a cusped trailing edge
         holes = _bounded_holes((distance <= tolerance) & can_join & ~is_in, can_join & ~is_in)
         if holes.any() and fraction[is_in | holes].mean() >= least_fraction:
             is_in |= holes
@@ -255,10 +254,10 @@ class Meeting:
 
     def _mapped(self, region: Region) -> tuple[np.ndarray, ...]:
         """Map face a of a region to face b."""
-        # Returns fraction: ndarray, shape `Face.n_quads`, fraction of the corners of each quad that are one with their
-        # partners, or within round-off of them; distance: ndarray, shape `Face.n_quads`, largest distance of the other
-        # corners, relative to the local spacing; partner: ndarray of int, shape `Face.n_quads` of int, quads of face b
-        # that they are mapped to; -1 outside it.
+        # Returns fraction: ndarray, shape `Face.n_quads`, fraction of the corners of each quad that coincide with their
+        # partners, or are within round-off of them; distance: ndarray, shape `Face.n_quads`, largest distance of the
+        # other corners, relative to the local spacing; partner: ndarray of int, shape `Face.n_quads`, quads of face b
+        # to which they are mapped; -1 outside it.
         a, b = self.faces[region.a], self.faces[region.b]
         overlap = overlap_of(region, a, b)
         interface = region.interface(self.faces, overlap)
@@ -278,12 +277,12 @@ class Meeting:
         return fraction, largest, partner
 
     def _at(self, window: Window) -> tuple[np.ndarray, ...]:
-        """Nodes of a face window, the spacing at them, and the points on which they lie."""
+        """Nodes of a face window, their spacing, and their points."""
         values = self.blocks, self.coincidence.spacing, self.coincidence.ids
         return tuple(blocks[window.block].at(window) for blocks in values)
 
     def _face_regions(self, regions: Sequence[Region]) -> list[Region]:
-        """Find regions of quads that no region holds yet by comparing one surface with another."""
+        """Find regions of quads that are in no region yet by comparing surfaces."""
         is_free = self.is_free.copy()
         for region in regions:
             is_free[region.pairs] = False
@@ -303,18 +302,18 @@ class Meeting:
 
 @dataclass(frozen=True)
 class _Surface:
-    """A face on its own."""
+    """A single face."""
 
     number: int  # its number
     face: Face  # the face
     nodes: np.ndarray  # (n, 3), its nodes (m)
-    # (n,), how far a node may be from the one it meets (m): round-off, less where edges in the face are short
+    # (n,), largest distance of a node from its partner (m): round-off, or less if edges in the face are short
     reach: np.ndarray
     is_free: np.ndarray  # (n_quads,) of bool, quads that may meet others
 
     @classmethod
     def of(cls, number: int, face: Face, nodes: np.ndarray, is_free: np.ndarray, coincidence: Coincidence) -> _Surface:
-        """Take a face with its nodes (ni, nj, nk, 3), and measure how far each may be from the one it meets."""
+        """Take a face with its nodes (ni, nj, nk, 3), and compute the largest distance of each from its partner."""
         nodes = nodes.squeeze(face.normal)
         shortest = np.full(nodes.shape[:2], np.inf)
         for axis in range(2):
@@ -326,7 +325,7 @@ class _Surface:
         return cls(number, face, nodes.reshape(-1, 3), reach.ravel(), is_free)
 
     def regions_with(self, other: _Surface) -> list[Region]:
-        """Find regions of this surface, as face 0, and another one, as face 1; of face 0 alone if it is the same."""
+        """Find regions of this surface, as face 0, and another one, as face 1; only of face 0 if it is the same."""
         here, there = self._met_nodes(other)
         if len(here) < 4:
             return []
@@ -344,7 +343,7 @@ class _Surface:
         return find_regions(quads, pairs)
 
     def _met_nodes(self, other: _Surface) -> tuple[np.ndarray, ...]:
-        """Nodes of this surface that meet one of another surface, and those; of the same one, other nodes than they."""
+        """Nodes of this surface that meet a node of another surface, and those; different nodes on the same surface."""
         reach = self.reach.max(initial=0.0)
         low, high = other.nodes.min(axis=0) - reach, other.nodes.max(axis=0) + reach
         here = np.flatnonzero(((self.nodes >= low) & (self.nodes <= high)).all(axis=1))
@@ -357,12 +356,12 @@ class _Surface:
 
 
 def _key(region: Region) -> tuple:
-    """Return the sort key of a region, which no other region has."""
+    """Return the unique sort key of a region."""
     return region.a, region.b, region.turn, region.shift
 
 
 def _merged(regions: Sequence[Region]) -> list[Region]:
-    """Make regions of the same faces, turn and shift one."""
+    """Merge regions with the same faces, turn and shift."""
     groups: dict[tuple, list[Region]] = {}
     for region in regions:
         groups.setdefault(_key(region), []).append(region)
@@ -373,7 +372,7 @@ def _merged(regions: Sequence[Region]) -> list[Region]:
 
 
 def _bounded_holes(is_hole: np.ndarray, is_open: np.ndarray) -> np.ndarray:
-    """Pick the holes, made of quads that share edges, that have no open quad beside them that is not of a hole."""
+    """Pick the holes, made of quads that share edges, whose open neighbours are all quads of holes."""
     holes, n_holes = label(is_hole)
     padded = np.pad(is_open & ~is_hole, 1)
     neighbours = padded[2:, 1:-1] | padded[:-2, 1:-1] | padded[1:-1, 2:] | padded[1:-1, :-2]

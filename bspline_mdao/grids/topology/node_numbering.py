@@ -1,8 +1,8 @@
-"""Some nodes of a grid in an order of their own: where each is evaluated, and which are copies of others.
+"""Some nodes of a grid in any order: where each is evaluated, and which are copies of others.
 
-A node that blocks share is evaluated in the first segment that holds it, whoever asks for it: so it has the same bits
-wherever the grid is cut. Nothing here is of the size of the grid unless all of it is held: links and collapses join
-nodes on faces of segments alone.
+A node that blocks share is always evaluated in the first segment that contains it, so its value is bitwise the same
+however the grid is cut. Nothing here is as large as the grid unless all of it is included: links and collapses join
+nodes on faces of segments only.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -32,8 +32,8 @@ __all__ = [
 
 
 def node_copies(topology: Topology) -> np.ndarray:
-    """Rows that are copies and the rows that they copy, shape (n_copies, 2), by ascending first ones."""
-    # They are those of `bspline_mdao.grids.topology.sharing.node_sharing`.
+    """Rows that are copies and the rows that they copy, shape (n_copies, 2), ascending by the first."""
+    # They are as in `bspline_mdao.grids.topology.sharing.node_sharing`.
     segments = topology.segments
     shapes = [segment.shape for segment in segments]
     pairs = joined_pairs(shapes, topology.links, topology.collapses, topology.segment_names)
@@ -57,7 +57,7 @@ def face_rows(topology: Topology, window: Window) -> np.ndarray:
 
 
 def face_layer_rows(topology: Topology, window: Window) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of the nodes of a face window and of the layer next to it, shape (n, m), as `face_layers` takes them."""
+    """Rows of the nodes of a face window and of the next layer, shape (n, m), in the order of `face_layers`."""
     flat = window.shape.index(1)
     at = window.lo[flat]
     next_index = min(1, topology.shapes[window.block][flat] - 1) if at == 0 else at - 1
@@ -72,20 +72,20 @@ class NodeNumbering:
 
     topology: Topology  # topology of the grid
     rows: np.ndarray  # (n,) of int, row of every node in the grid vector
-    n_asked: int  # how many of them were asked for, the first ones; the others are what these need
-    # (n_copies, 2) of int, numbers of nodes that are copies, and of the nodes that they copy, by ascending first ones
+    n_asked: int  # number of requested nodes, which come first; the others are needed by these
+    # (n_copies, 2) of int, numbers of nodes that are copies, and of the nodes that they copy, ascending by the first
     copies: np.ndarray
-    numbers: tuple[np.ndarray, ...]  # of int, per segment, numbers of the nodes that it evaluates, ascending
-    places: tuple[np.ndarray, ...]  # of int, per segment, the places of these in the C order of its nodes
+    numbers: tuple[np.ndarray, ...]  # of int, per segment, numbers of the nodes evaluated there, ascending
+    places: tuple[np.ndarray, ...]  # of int, per segment, places of these nodes in the C order of the segment
 
     @classmethod
     def of(
         cls,
         topology: Topology,  # topology of the grid
-        rows: np.ndarray,  # (n_asked,) of int, rows of the nodes in any order, which is kept; a node may be there twice
-        needed: Sequence[np.ndarray] = (),  # of int, rows of nodes that are to be among the others
+        rows: np.ndarray,  # (n_asked,) of int, rows of the nodes in any order, which is kept; repetitions are allowed
+        needed: Sequence[np.ndarray] = (),  # of int, rows of nodes to include among the others
     ) -> NodeNumbering:
-        """Hold some nodes, and those that they are copies of."""
+        """Number some nodes, and the nodes of which they are copies."""
         copies = node_copies(topology)
         also = source_rows(copies, each_once(np.concatenate([np.zeros(0, dtype=np.int64), *needed])))
         also = each_once(np.concatenate([source_rows(copies, rows), also]))
@@ -101,14 +101,14 @@ class NodeNumbering:
 
     @classmethod
     def of_grid(cls, topology: Topology) -> NodeNumbering:
-        """Hold all nodes of a grid, in its order."""
-        # nothing is sorted or looked up, which takes `of` five times as long
+        """Number all nodes of a grid, in its order."""
+        # no sorting or searching, with which `of` takes five times as long
         copies, is_copy = node_copies(topology), np.zeros(topology.n_nodes, dtype=bool)
         is_copy[copies[:, 0]] = True
         numbers, places = [], []
         for segment in topology.segments:
             rows, is_first = face_rows(topology, segment), np.zeros(segment.shape, dtype=bool)
-            inner = tuple(slice(int(lo > 0), None) for lo in segment.lo)  # the segment before has what they share
+            inner = tuple(slice(int(lo > 0), None) for lo in segment.lo)  # the previous segment has the shared nodes
             is_first[inner] = ~is_copy[rows[inner]]
             places.append(np.flatnonzero(is_first))
             numbers.append(rows.ravel()[places[-1]])
@@ -116,17 +116,17 @@ class NodeNumbering:
 
     @property
     def n_nodes(self) -> int:
-        """Number of nodes, those among them that others need."""
+        """Number of nodes, including those that others need."""
         return len(self.rows)
 
     def numbers_of(self, rows: np.ndarray) -> np.ndarray:
-        """Number of each node, or of the one that it copies, by its row; -1 where it is not held."""
+        """Number of each node, or of the node that it copies, by its row; -1 if it is not included."""
         rows, (unique, first) = source_rows(self._copies_of_grid, rows), self._sorted
         at = np.minimum(np.searchsorted(unique, rows), max(len(unique) - 1, 0))
         return np.where(unique[at] == rows, first[at], -1) if len(unique) else np.full(rows.shape, -1)
 
     def sources_of(self, rows: np.ndarray) -> np.ndarray:
-        """Row of each node of the grid, or of the one that it copies, held or not."""
+        """Row of each node of the grid, or of the node that it copies, included or not."""
         return source_rows(self._copies_of_grid, rows)
 
     @cached_property
@@ -141,10 +141,10 @@ class NodeNumbering:
 
 @dataclass(frozen=True, eq=False)
 class NodesByRow:
-    """Places of some nodes of a grid, which are looked up by their rows as if all were there."""
+    """Coordinates of some nodes of a grid, indexed by row as if all nodes were there."""
 
     rows: np.ndarray  # (n,) of int, rows of the nodes in the grid vector
-    points: np.ndarray  # (n, 3), their places (m)
+    points: np.ndarray  # (n, 3), their coordinates (m)
 
     def __getitem__(self, rows: np.ndarray) -> np.ndarray:
         """Places of nodes by their rows."""
@@ -161,13 +161,13 @@ def boundary_rows(topology: Topology, faces: Sequence[BoundaryFace]) -> np.ndarr
 
 
 def each_once(rows: np.ndarray) -> np.ndarray:
-    """Sort rows, and keep each once; what `np.unique` does by hashes since NumPy 2.3, in a hundred times as long."""
+    """Sort rows, and keep each once; `np.unique` hashes since NumPy 2.3, and takes a hundred times as long."""
     rows = np.sort(rows)
     return rows[np.concatenate([np.ones(min(1, rows.size), dtype=bool), rows[1:] != rows[:-1]])]
 
 
 def rows_of_places(topology: Topology, points: np.ndarray) -> np.ndarray:
-    """Rows in the grid vector of nodes that are counted through, segments in order, each in C order."""
+    """Rows in the grid vector of nodes numbered by segment, each in C order."""
     segments = topology.segments
     number, index = BlockLayout.of(segment.shape for segment in segments).unravel(points)
     blocks = np.array([segment.block for segment in segments])
@@ -178,7 +178,7 @@ def rows_of_places(topology: Topology, points: np.ndarray) -> np.ndarray:
 def _by_segments(
     topology: Topology, rows: np.ndarray, numbers: np.ndarray
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Sort nodes into the first segments that hold them: their numbers, and their places there."""
+    """Sort nodes into the first segments that contain them: their numbers, and their places there."""
     layout = topology.layout
     of_block = layout.owner(rows)
     order = np.argsort(of_block, kind="stable")
@@ -211,7 +211,7 @@ def _segment_grids(topology: Topology) -> list[tuple[list[np.ndarray], np.ndarra
 
 
 def _groups(keys: np.ndarray, values: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield every one of ascending keys with its values."""
+    """Yield each of the ascending keys with its values."""
     starts = np.flatnonzero(np.diff(keys, prepend=-1))
     for start, end in zip(starts, np.append(starts[1:], len(keys))):
         yield int(keys[start]), values[start:end]

@@ -1,4 +1,4 @@
-"""Which nodes of a mesh without structure each of several processes holds: as many, in the order of its file.
+"""The nodes of an unstructured mesh on each of several processes: equal shares, in the order of its file.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -17,12 +17,12 @@ __all__ = ["NodePartition"]
 
 @dataclass(frozen=True)
 class NodePartition(OneLine):
-    """Nodes dealt out one after another."""
+    """Nodes distributed in consecutive ranges."""
 
     n_nodes: int
     n_ranks: int
 
     def subdomain(self, rank: int) -> Subdomain:
-        """Return what a process holds."""
+        """Return the nodes of a process."""
         first, last = (self.n_nodes * k // self.n_ranks for k in (rank, rank + 1))
         return Subdomain.of_rows(np.arange(first, last), self.n_nodes)

@@ -1,4 +1,4 @@
-"""Component grids that overlap: blocks that no interface joins, of which one reaches into the other.
+"""Overlapping component grids: blocks without interfaces between them, one of which extends into the other.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -17,11 +17,11 @@ from .topology import Topology, first_joined
 __all__ = ["component_numbers", "donors_of_others", "is_fringe", "lies_in_others"]
 
 SAMPLE = 200
-"""Nodes of a face that are looked at: more than half of a face is inside another component, or it is no overset one."""
+"""Number of sampled nodes per face: more than half of an overset face lies inside another component."""
 
 
 def component_numbers(topology: Topology) -> np.ndarray:
-    """Number of the component grid of each block: blocks that interfaces join are one."""
+    """Number of the component grid of each block: blocks that interfaces join belong together."""
     pairs = [np.array([[item.a.block], [item.b.block]]) for item in topology.interfaces]
     first = first_joined(len(topology.shapes), pairs)
     return np.unique(first, return_inverse=True)[1]
@@ -30,11 +30,11 @@ def component_numbers(topology: Topology) -> np.ndarray:
 def donors_of_others(
     nodes: Sequence[np.ndarray],  # (ni, nj, nk, 3), nodes of all blocks (m)
     components: np.ndarray,  # int, component grid of each block
-    component: int,  # the one that the points are of
+    component: int,  # the component of the points
     points: np.ndarray,  # (n, 3), the points (m)
-    apart: Sequence[int] = (),  # blocks that are not looked at
+    apart: Sequence[int] = (),  # blocks to leave out
 ) -> Donors:
-    """Find the cells of the other component grids that points lie in."""
+    """Find the cells of the other component grids that contain points."""
     others = [b for b in range(len(nodes)) if components[b] != component and b not in apart]
     found = find_donors([nodes[b] for b in others], points)
     return Donors(np.where(found.block < 0, -1, np.array([*others, -1])[found.block]), found.cell, found.place)
@@ -47,8 +47,8 @@ def is_fringe(grid: Grid, window: Window) -> bool:
 
 
 def lies_in_others(grid: Grid, topology: Topology, windows: Sequence[Window]) -> Iterator[bool]:
-    """Say of faces of the boundary whether the layer of nodes next to them lies inside other component grids."""
-    # next to them: sides that slide on each other are on the same surface, and cells behind them are on either side
+    """Say for faces of the boundary whether the layer of nodes next to them lies inside other component grids."""
+    # the next layer, as sides that slide on each other are on the same surface, with cells on either side
     components, nodes = component_numbers(topology), [block.nodes for block in grid.blocks]
     repeated = [block for pair in topology.repeated for block in pair]
     for window in windows:

@@ -1,4 +1,4 @@
-"""Which process holds a node or a cell of a grid, and where among its own.
+"""The process that holds a node or a cell of a grid, and its local number there.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -17,7 +17,7 @@ __all__ = ["Ownership"]
 
 @dataclass(frozen=True, eq=False)
 class Ownership:
-    """Boxes of the index spaces of blocks, and the process that has each; by `of_nodes` or `of_cells`."""
+    """Boxes of the index spaces of blocks, and the process that holds each; by `of_nodes` or `of_cells`."""
 
     layout: BlockLayout  # layout of the nodes or cells of the grid
     # block, process, lowest indices, shape, and the number there of its first entry
@@ -25,16 +25,16 @@ class Ownership:
 
     @classmethod
     def of_nodes(cls, partition: Partition) -> Ownership:
-        """Nodes; of those that several processes hold, the first process has them."""
+        """Ownership of nodes; nodes on several processes belong to the first."""
         return cls(partition.layout, _boxes(partition, 0))
 
     @classmethod
     def of_cells(cls, partition: Partition) -> Ownership:
-        """Cells."""
+        """Ownership of cells."""
         return cls(partition.layout.cells, _boxes(partition, 1))
 
     def find(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Process that has each of some nodes or cells, given by their numbers in the grid, and their numbers there."""
+        """Process of each of some nodes or cells, given by their numbers in the grid, and their local numbers there."""
         block, index = self.layout.unravel(numbers)
         ranks, rows = np.full(len(numbers), -1), np.full(len(numbers), -1)
         order = np.argsort(block, kind="stable")
@@ -50,7 +50,7 @@ class Ownership:
 
 
 def _boxes(partition: Partition, shrink: int) -> tuple:
-    """Boxes of all pieces, fewer by ``shrink`` in each direction than their nodes."""
+    """Boxes of all pieces, with ``shrink`` fewer entries in each direction than their nodes."""
     boxes = []
     for rank, pieces in enumerate(partition.pieces):
         layout = BlockLayout.of([n - shrink for n in piece.shape] for piece in pieces)

@@ -1,10 +1,10 @@
-"""Which part of a grid each of several processes holds: whole blocks, pieces of them where the balance asks for it.
+"""The part of a grid on each of several processes: whole blocks, and pieces of blocks where the balance needs them.
 
 A piece is a window of a block. Neighbouring pieces of a block share the nodes of the plane between them; a cell belongs
-to one piece only. The order of the nodes of a subdomain is that of its pieces, each in C order, so that the subdomain
-of a process that is alone is the grid.
+to one piece only. The nodes of a subdomain are ordered piece by piece, each in C order, so the subdomain of a single
+process is the grid.
 
-A solver that has its own distribution says which nodes each process holds instead: `Subdomain.of_rows`.
+A solver with its own distribution gives the nodes of each process instead: `Subdomain.of_rows`.
 
 Theory: ``docs/parallel.rst``.
 """
@@ -31,7 +31,7 @@ __all__ = ["Partition", "Subdomain"]
 
 @dataclass(frozen=True, eq=False)
 class Subdomain(OneLine):
-    """The nodes of a grid that one process holds, by `Partition.subdomain`, `Subdomain.of_grid` or `Subdomain.of_rows`.
+    """The nodes of a grid on one process, by `Partition.subdomain`, `Subdomain.of_grid` or `Subdomain.of_rows`.
 
     Parameters
     ----------
@@ -40,9 +40,9 @@ class Subdomain(OneLine):
     rows : ndarray of int, shape (n_nodes,)
         Row in the grid vector of every node of the subdomain: pieces in order, each in C order.
     windows : tuple of Window, or None
-        Its pieces; None where it was made of rows.
+        Its pieces; None if it was made of rows.
     shapes_of_grid : tuple of tuple of int
-        Number of nodes of each block of the grid in each direction; empty where the subdomain was made of rows.
+        Number of nodes of each block of the grid in each direction; empty if the subdomain was made of rows.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class Subdomain(OneLine):
 
     @classmethod
     def of_grid(cls, topology: Topology) -> Subdomain:
-        """Make the subdomain of a process that is alone: all nodes."""
+        """Make the subdomain of a single process: all nodes."""
         return Partition.of(topology, 1).subdomain(0)
 
     @classmethod
@@ -77,14 +77,14 @@ class Subdomain(OneLine):
         Parameters
         ----------
         rows : sequence of int
-            Row in the grid vector of every node, in the solver's order; a node may be there twice.
+            Row in the grid vector of every node, in the solver's order; repetitions are allowed.
         n_nodes_of_grid : int
             Nodes of all blocks of the grid.
 
         Raises
         ------
         InputError
-            If they are no rows of the grid.
+            If they are not rows of the grid.
         """
         array = np.asarray(rows)
         is_list = array.ndim == 1 and (array.dtype.kind in "iu" or not array.size)
@@ -118,14 +118,14 @@ class Subdomain(OneLine):
 
     @property
     def starts(self) -> tuple[int, ...]:
-        """Number of the first node of each piece among those of the subdomain, and their number."""
+        """Number of the first node of each piece in the subdomain, and the number of all nodes."""
         return tuple(BlockLayout.of(self.shapes).starts.tolist())
 
     @cached_property
     def cells(self) -> np.ndarray:
-        """Number in the grid of every cell of the subdomain: pieces in order, each in C order, as its nodes.
+        """Number in the grid of every cell of the subdomain: pieces in order, each in C order, as for nodes.
 
-        The cells of the grid are numbered blocks in order, each in C order; a block with fewer than two directions of
+        Cells of the grid are numbered block after block, each in C order; a block with fewer than two directions of
         more than one node has none.
 
         Raises
@@ -155,14 +155,14 @@ class Subdomain(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Partition(OneLine):
-    """The pieces of a grid that each of several processes holds. Made by `Partition.of`.
+    """The pieces of a grid on each of several processes. Made by `Partition.of`.
 
     Parameters
     ----------
     shapes : tuple of tuple of int
         Number of nodes of each block in each direction.
     pieces : tuple of tuple of Window
-        Pieces of each process, in the order of the blocks; none where there are too few.
+        Pieces of each process, in the order of the blocks; empty if there are too few.
 
     Examples
     --------
@@ -178,10 +178,10 @@ class Partition(OneLine):
 
     @classmethod
     def of(cls, topology: Topology, n_ranks: int, imbalance: float = 0.15) -> Partition:
-        """Deal blocks out to processes, the largest first, each to the one that has the fewest nodes.
+        """Distribute blocks to processes, the largest first, each to the process with the fewest nodes.
 
-        Blocks that are larger than a subdomain may be, and the largest ones of a process that would have too much, are
-        cut along their longest direction. At last pieces are exchanged until there are few faces between processes.
+        Blocks larger than a subdomain may be, and the largest blocks of an overloaded process, are cut along their
+        longest direction. Finally, pieces are exchanged until there are few faces between processes.
 
         Parameters
         ----------
@@ -190,13 +190,13 @@ class Partition(OneLine):
         n_ranks : int
             Number of processes.
         imbalance : float
-            By how much of the mean the largest subdomain may exceed it. More than that is left only where nothing can
-            be cut any more.
+            Largest excess of the largest subdomain over the mean, relative to the mean. It is exceeded only if nothing
+            can be cut further.
 
         Returns
         -------
         Partition
-            The same one on every process.
+            The same on every process.
 
         Raises
         ------
@@ -233,7 +233,7 @@ class Partition(OneLine):
         return len(self.pieces)
 
     def subdomain(self, rank: int) -> Subdomain:
-        """Return what a process holds."""
+        """Return the subdomain of a process."""
         return Subdomain.of_windows(self.shapes, self.pieces[rank])
 
 
@@ -242,12 +242,12 @@ def _size(window: Window) -> int:
 
 
 def _largest(windows: Sequence[Window]) -> Window:
-    """Return the largest of some windows, the first one of those that are equally large."""
+    """Return the largest of some windows, the first in case of ties."""
     return min(windows, key=lambda window: (-_size(window), window.block, window.lo))
 
 
 def _dealt(pieces: Sequence[Window], n_ranks: int) -> list[list[Window]]:
-    """Deal pieces out, the largest first, each to the process that has the fewest nodes."""
+    """Distribute pieces, the largest first, each to the process with the fewest nodes."""
     dealt: list[list[Window]] = [[] for _ in range(n_ranks)]
     loads = [(0, rank) for rank in range(n_ranks)]
     heapify(loads)
@@ -259,7 +259,7 @@ def _dealt(pieces: Sequence[Window], n_ranks: int) -> list[list[Window]]:
 
 
 def _cut(window: Window, n_parts: int) -> list[Window]:
-    """Cut a window into a number of parts of about the same size, or as many as it has layers of cells for."""
+    """Cut a window into parts of about the same size, at most as many as it has layers of cells."""
     d = int(np.argmax(window.shape))
     n_layers = window.hi[d] - window.lo[d]
     if n_parts == 1 or n_layers < 2:

@@ -1,7 +1,7 @@
-"""Pairs of boundary windows that a rotation or a translation lays onto each other: periodic planes, probably.
+"""Pairs of boundary windows that a rotation or a translation maps onto each other: probably periodic planes.
 
-Both sides of a periodic pair look at each other: what leaves the grid through the one comes back through the other.
-Walls that repeat, such as those of two blades, look the same way and are no pair.
+Both sides of a periodic pair face each other: what leaves the grid through one enters through the other. Walls that
+repeat, such as the walls of two blades, face the same way and are not a pair.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -28,33 +28,33 @@ from .shell import Shell
 __all__ = ["find_periodic", "periodic_pairs"]
 
 PLANAR = 1e-6
-"""A window is planar when its nodes leave the plane by less than this part of the grid's size."""
+"""A window is planar if its nodes leave the plane by less than this fraction of the grid's size."""
 
 SMOOTH = 0.7
-"""Windows that meet are one surface when the product of their mean directions inwards is more than this."""
+"""Windows that meet are one surface if the product of their mean inward directions exceeds this."""
 
 MOST_CORNERS, MOST_TRIED, MOST_OUTER = 1_000, 64, 24
-"""Most corners of windows among which pairs are looked for, motions that are tried, the most frequent first, and
-corners of a surface of several windows."""
+"""Largest number of corners of windows to search for pairs, of motions to try, the most frequent first, and of corners
+of a surface of several windows."""
 
 
 def find_periodic(
     grid: Grid,  # the grid
-    windows: Sequence[Window],  # windows of its boundary among which pairs are looked for
-) -> tuple[PeriodicPair, ...]:  # each window is in one of them at most
-    """Find windows whose nodes a rotation about any axis, or a translation, lays onto those of others."""
+    windows: Sequence[Window],  # windows of its boundary to search for pairs
+) -> tuple[PeriodicPair, ...]:  # each window is in at most one of them
+    """Find windows whose nodes a rotation about any axis, or a translation, maps onto the nodes of others."""
     return periodic_pairs([block.nodes for block in grid.blocks], windows, grid.length_unit)
 
 
 def periodic_pairs(
     blocks: Sequence[np.ndarray | Shell],  # nodes of the blocks, or those on their faces (m)
-    windows: Sequence[Window],  # windows of the boundary among which pairs are looked for
+    windows: Sequence[Window],  # windows of the boundary to search for pairs
     unit: str,  # unit of lengths
-) -> tuple[PeriodicPair, ...]:  # each window is in one of them at most
+) -> tuple[PeriodicPair, ...]:  # each window is in at most one of them
     """See `find_periodic`."""
-    # The two sides need not be cut into windows alike. Planar windows count for rotations other than by right angles
-    # alone: the sides of many a box are laid onto each other as well. By a motion of others they repeat all the same.
-    # windows of blocks one node deep have no cells behind them, and no direction inwards
+    # The two sides need not be cut into windows in the same way. Planar windows only count for rotations by other than
+    # right angles: the sides of many boxes can be mapped onto each other as well. By a motion found from other windows
+    # they repeat all the same. Windows of blocks one node deep have no cells behind them, and no inward direction.
     windows = [window for window in windows if blocks[window.block].shape[window.shape.index(1)] > 1]
     if len(windows) < 2 or 4 * len(windows) > MOST_CORNERS:
         return ()
@@ -82,7 +82,7 @@ def periodic_pairs(
 def _with_planar(
     pair: PeriodicPair, pairs: Sequence[PeriodicPair], windows: list[Window], sides: list[_Side], size: float
 ) -> PeriodicPair:
-    """Add windows that count for no motion by themselves, such as planes ahead of a blade, and repeat by this one."""
+    """Add windows that do not count for a motion on their own, such as planes ahead of a blade, but repeat by this."""
     taken = {window for other in pairs for window in (*other.windows, *other.others)}
     rest = [n for n, window in enumerate(windows) if window not in taken]
     if not rest:
@@ -100,7 +100,7 @@ def _with_planar(
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """Nodes of a window, the directions from there into its block, its corners, and its normal where it is planar."""
+    """Nodes of a window, the directions from there into its block, its corners, and its normal if it is planar."""
 
     nodes: np.ndarray
     inwards: np.ndarray
@@ -118,7 +118,7 @@ class _Side:
         return cls(face.reshape(-1, 3), inwards.reshape(-1, 3), corners, normal if is_planar else None)
 
     def may_repeat(self, motion: Motion) -> bool:
-        """Whether a motion may lay it onto a partner: planes at right angles, and parallel ones, are those of boxes."""
+        """Whether a motion may map it onto a partner: planes at right angles, and parallel ones, are sides of boxes."""
         if self.normal is None:
             return True
         cosine = abs(float(motion.turn(self.normal[None])[0] @ self.normal))
@@ -137,7 +137,7 @@ def _bounds(side: _Side, nodes: list[np.ndarray], size: float) -> bool:
 
 
 def _refined(motion: Motion, nodes: np.ndarray, others: np.ndarray, size: float) -> Motion:
-    """The rotation of all nodes of a side, shape (n, 3), rather than of its corners."""
+    """The rotation from all nodes of a side, shape (n, 3), rather than from its corners."""
     if motion.is_translation:
         return motion
     met = cKDTree(others).query(motion.move(nodes))[1]
@@ -148,7 +148,7 @@ def _refined(motion: Motion, nodes: np.ndarray, others: np.ndarray, size: float)
 
 
 def _rotations(sides: list[_Side], size: float) -> list[Motion]:
-    """Rotations that lay three corners of a side onto corners, those that most sides ask for first."""
+    """Rotations that map three corners of a side onto corners, the most frequent ones first."""
     corners = np.concatenate([np.zeros((0, 3)), *(side.corners for side in sides)])
     _, first = np.unique(np.round(corners / (CLOSE * size)), axis=0, return_index=True)
     corners = corners[np.sort(first)]
@@ -165,7 +165,7 @@ def _rotations(sides: list[_Side], size: float) -> list[Motion]:
 
 
 def _triangles(sides: list[_Side], size: float) -> Iterator[tuple[_Side, np.ndarray]]:
-    """Yield sides, each with the largest triangle, shape (3, 3), of its corners, or of those of the whole surface."""
+    """Yield sides, each with the largest triangle, shape (3, 3), of its corners, or of the whole surface's."""
     outlines = [(side, side.corners) for side in sides] + list(_joined(sides, CLOSE * size))
     for side, corners in outlines:
         threes = corners[list(combinations(range(len(corners)), 3))]
@@ -175,7 +175,7 @@ def _triangles(sides: list[_Side], size: float) -> Iterator[tuple[_Side, np.ndar
 
 
 def _joined(sides: list[_Side], near: float) -> Iterator[tuple[_Side, np.ndarray]]:
-    """Yield one of the sides that together are one surface, and corners of the whole: of a single side of them each."""
+    """Yield one of the sides that together form a surface, and corners of the whole; of a single side, its own."""
     corners = np.concatenate([np.zeros((0, 3)), *(side.corners for side in sides)])
     owner = np.repeat(np.arange(len(sides)), 4)
     inwards = np.reshape([side.inwards.mean(axis=0) for side in sides], (-1, 3))
@@ -192,7 +192,7 @@ def _joined(sides: list[_Side], near: float) -> Iterator[tuple[_Side, np.ndarray
 
 
 def _rotation(points: np.ndarray, laid: np.ndarray, size: float) -> Motion | None:
-    """Rotation ahead that lays points, shape (n, 3), onto others best, or back; None by half a turn and of a screw."""
+    """Forward rotation that best maps points, shape (n, 3), onto others, or back; None for a half turn or a screw."""
     motion = fit_rotation(points, laid, size)
     if motion is None or abs(motion.angle) >= np.pi - SMALLEST:
         return None
@@ -200,7 +200,7 @@ def _rotation(points: np.ndarray, laid: np.ndarray, size: float) -> Motion | Non
 
 
 def _translations(sides: list[_Side], size: float) -> list[Motion]:
-    """Translations that lay corners onto corners of windows that are not planar."""
+    """Translations that map corners onto corners of windows that are not planar."""
     curved = [side.corners for side in sides if side.normal is None]
     if len(curved) < 2:
         return []
@@ -212,7 +212,7 @@ def _translations(sides: list[_Side], size: float) -> list[Motion]:
 
 
 def _frequent(values: np.ndarray, tolerance: float) -> np.ndarray:
-    """Values, shape (m, n), that occur more than once among those of shape (l, n), the most frequent first."""
+    """Values, shape (m, n), that occur more than once among values of shape (l, n), the most frequent first."""
     if not len(values):
         return values
     _, first, counts = np.unique(np.round(values / (10.0 * tolerance)), axis=0, return_index=True, return_counts=True)
@@ -221,8 +221,8 @@ def _frequent(values: np.ndarray, tolerance: float) -> np.ndarray:
 
 
 def _laid(sides: list[_Side], candidates: list[int], motion: Motion, size: float, everywhere: cKDTree) -> set[int]:
-    """Sides all of whose nodes the motion lays onto nodes of others that look at them."""
-    # First, in one go, those whose corners it lays onto any of the nodes: few motions of those tried lay any so.
+    """Sides whose nodes the motion all maps onto nodes of others that face them."""
+    # First, in one go, select sides whose corners it maps onto any of the nodes: few of the tried motions map any.
     corners = motion.move(np.concatenate([sides[n].corners for n in candidates]))
     is_near = np.isfinite(everywhere.query(corners, distance_upper_bound=CLOSE * size)[0]).reshape(-1, 4).all(axis=1)
     if not is_near.any():

@@ -1,4 +1,4 @@
-"""How far the sides of periodic pairs have drifted apart in a moved grid.
+"""Drift between the sides of periodic pairs in a moved grid.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -26,13 +26,13 @@ __all__ = ["PeriodicGap", "pair_gaps", "periodic_gaps"]
 
 @dataclass(frozen=True)
 class PeriodicGap:
-    """Sides of a pair that nothing ties, and how far some of their nodes are from lying on each other."""
+    """Sides of an untied pair, and the distance of their nodes from each other."""
 
     pair: PeriodicPair  # both sides, and the motion between them
-    gap: float  # largest distance of a node, moved by it, from its partner (m)
-    before: float  # that in the grid at rest (m)
+    gap: float  # largest distance of a node, moved by the motion, from its partner (m)
+    before: float  # the same in the grid at rest (m)
     node: Window  # the node of the first side where the distance has grown most
-    has_grown: bool  # whether nodes are further apart there than pairs may be, and than they were
+    has_grown: bool  # whether nodes there are farther apart than the tolerance of pairs, and than before
 
     def __str__(self) -> str:
         unit = self.pair.motion.unit
@@ -47,17 +47,17 @@ class PeriodicGap:
 
 def periodic_gaps(
     topology: Topology,  # topology of both grids
-    # baseline, moved: the grid at rest, in which pairs are looked for among faces of the kind ``other`` or of none, and
-    # the moved one
+    # baseline, moved: the grid at rest, searched for pairs among faces of the kind ``other`` or of none, and the moved
+    # one
     baseline: Grid,
     moved: Grid,
-) -> tuple[PeriodicGap, ...]:  # those of which nodes are further apart than pairs may be, and than they were
+) -> tuple[PeriodicGap, ...]:  # those whose nodes are farther apart than the tolerance of pairs, and than before
     """Find the periodic pairs of a grid whose sides have drifted apart."""
     return tuple(found for found in pair_gaps(topology, baseline, moved) if found.has_grown)
 
 
 def pair_gaps(topology: Topology, baseline: Grid, moved: Grid) -> tuple[PeriodicGap, ...]:
-    """Find all periodic pairs of a grid but those that are tied; arguments as of `periodic_gaps`."""
+    """Find all untied periodic pairs of a grid; arguments as in `periodic_gaps`."""
     of_ties = tied_sides(topology)
     tied = {face.window for face, *side in boundary_sides(topology) if tuple(side) in of_ties} if of_ties else set()
     windows = [f.window for f in topology.boundary if f.kind in (None, "other") and f.window not in tied]
@@ -82,7 +82,7 @@ def _nodes(grid: Grid, windows: Iterable[Window]) -> np.ndarray:
 
 
 def _node(windows: Iterable[Window], number: int) -> Window:
-    """Give the place of a node that is counted through windows."""
+    """Place of a node, numbered through the windows."""
     for window in windows:
         size = int(np.prod(window.shape))
         if number < size:

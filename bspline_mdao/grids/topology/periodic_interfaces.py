@@ -1,8 +1,8 @@
-"""Interfaces that carry a motion: the two sides of a periodic pair, matched as faces of blocks that meet are.
+"""Interfaces with a motion: the two sides of a periodic pair, matched like faces of blocks that meet.
 
-The nodes of one side, moved, lie on those of the other. So its quads match quads there as they do in
-`bspline_mdao.grids.topology.matching`, in any orientation and however both sides are cut into blocks, and what comes of
-it is interfaces, by which blocks are cut into segments and linked. A pair some of whose quads match none is not tied.
+The nodes of one side, moved, lie on the nodes of the other. So its quads match quads there as in
+`bspline_mdao.grids.topology.matching`, in any orientation and however both sides are cut into blocks. The result is
+interfaces, by which blocks are cut into segments and linked. A pair with unmatched quads is not tied.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -30,7 +30,7 @@ def periodic_interfaces(
     blocks: Sequence[Shell],  # nodes on the faces of all blocks (m)
     faces: Sequence[Face],  # faces of all blocks
     ids: Sequence[OnFaces],  # points on which nodes lie
-) -> list[Interface]:  # side a is of the windows of the pair, side b of the others; none where nodes are not one to one
+) -> list[Interface]:  # side a is on the pair's windows, side b on the others; empty if nodes are not one to one
     """Match the two sides of a pair."""
     nodes, others = (np.concatenate([blocks[w.block].at(w).reshape(-1, 3) for w in side]) for side in _sides(pair))
     points = np.concatenate([ids[window.block].at(window).ravel() for window in pair.others])
@@ -58,7 +58,7 @@ def _sides(pair: PeriodicPair) -> tuple[tuple[Window, ...], tuple[Window, ...]]:
 def _masked(
     faces: Sequence[Face], windows: Sequence[Window], points: Sequence[np.ndarray]
 ) -> list[tuple[Face, np.ndarray]]:
-    """Faces that hold windows, with other points of their nodes, and which of their quads the windows cover."""
+    """Faces that contain windows, with new points of their nodes, and which of their quads the windows cover."""
     found = []
     for face in faces:
         of_face = [n for n, window in enumerate(windows) if face.covered(window).any()]
@@ -82,7 +82,7 @@ def _completed(
     near: float,
     is_free: np.ndarray,
 ) -> Region:
-    """Extend a region over all free quads that its map lays onto each other: thin cells are nearer than digits tell."""
+    """Extend a region over all free quads that its map places onto each other: thin cells may be below round-off."""
     a, b = faces[region.a], faces[region.b]
     overlap = overlap_of(region, a, b)
     interface = region.interface(faces, overlap)

@@ -1,4 +1,4 @@
-"""Pairs of sides of a grid that a motion lays onto each other, as files declare them or as they are found.
+"""Pairs of sides of a grid that a motion maps onto each other, declared in files or found.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -15,17 +15,17 @@ from .index_space import Window
 __all__ = ["SMALLEST", "Motion", "PeriodicPair"]
 
 ALIGNED = 1e-10
-"""An axis whose component along a coordinate axis leaves 1 by less than this is that axis: 1.4e-5 rad."""
+"""An axis whose component along a coordinate axis differs from 1 by less than this is that axis: 1.4e-5 rad."""
 
 SMALLEST = 1e-3
-"""Rotations by less than this angle (rad), and translations by less than this part of the grid's size, are none."""
+"""Rotations by less than this angle (rad), and translations by less than this fraction of the grid's size, are none."""
 
 
 @dataclass(frozen=True)
 class Motion:
     """A rotation about an axis, or a translation."""
 
-    axis: tuple[float, ...] = (0.0, 0.0, 0.0)  # direction of the axis, of length 1; zero of a translation
+    axis: tuple[float, ...] = (0.0, 0.0, 0.0)  # direction of the axis, of length 1; zero for a translation
     angle: float = 0.0  # angle of the rotation (rad)
     point: tuple[float, ...] = (0.0, 0.0, 0.0)  # the point of the axis nearest to the origin (m)
     shift: tuple[float, ...] = (0.0, 0.0, 0.0)  # the translation (m)
@@ -36,12 +36,12 @@ class Motion:
         cls,
         axis: np.ndarray,  # (3,), direction of the axis, of length 1
         angle: float,  # angle of the rotation (rad), not zero
-        shift: np.ndarray,  # (3,), where the rotation about an axis through the origin is shifted to (m)
-        near: float,  # what counts as no length (m)
-    ) -> Motion | None:  # None where it is a screw
-        """Make a rotation about an axis that a shift across it has moved."""
+        shift: np.ndarray,  # (3,), shift of the rotation about an axis through the origin (m)
+        near: float,  # length that counts as zero (m)
+    ) -> Motion | None:  # None if it is a screw
+        """Make a rotation about an axis that is displaced by a shift across it."""
         number = int(np.argmax(np.abs(axis)))
-        sign = float(np.sign(axis[number]))  # the same axis of a rotation and of its inverse
+        sign = float(np.sign(axis[number]))  # the same axis for a rotation and its inverse
         axis, angle = axis * sign, angle * sign
         if 1.0 - axis[number] < ALIGNED:
             axis = np.eye(3)[number]
@@ -61,12 +61,12 @@ class Motion:
 
     @property
     def is_translation(self) -> bool:
-        """Whether it does not turn."""
+        """Whether it does not rotate."""
         return not any(self.axis)
 
     @property
     def is_ahead(self) -> bool:
-        """Whether a pair is told by this motion, rather than by its inverse."""
+        """Whether a pair is described by this motion, rather than by its inverse."""
         if not self.is_translation:
             return self.angle > 0.0
         shift = np.array(self.shift)
@@ -74,7 +74,7 @@ class Motion:
 
     @property
     def is_of_box(self) -> bool:
-        """Whether it may lay the planes of a box onto each other: translations, and rotations by right angles."""
+        """Whether it may map the planes of a box onto each other: translations, and rotations by right angles."""
         quarters = self.angle / (0.5 * np.pi)
         return abs(quarters - round(quarters)) < SMALLEST
 
@@ -83,7 +83,7 @@ class Motion:
         return replace(self, angle=-self.angle, shift=tuple(0.0 - s for s in self.shift))
 
     def turn(self, vectors: np.ndarray) -> np.ndarray:
-        """Turn vectors, shape (n, 3)."""
+        """Rotate vectors, shape (n, 3)."""
         if self.is_translation:
             return vectors
         axis = np.asarray(self.axis)
@@ -101,9 +101,9 @@ def _text(vector: tuple[float, ...]) -> str:
 
 @dataclass(frozen=True)
 class PeriodicPair(OneLine):
-    """Windows of the boundary that a motion lays onto each other."""
+    """Windows of the boundary that a motion maps onto each other."""
 
     # windows, others: both sides, in the order of the boundary
     windows: tuple[Window, ...]
     others: tuple[Window, ...]
-    motion: Motion  # it takes the nodes of the windows to those of the others
+    motion: Motion  # maps the nodes of the windows to the nodes of the others

@@ -1,9 +1,9 @@
-"""Points of periodic sides that are one but for a motion, and what they do alike.
+"""Points of periodic sides that are equal up to a motion, and their common displacement.
 
-Points on both sides of periodic pairs, and those that several pairs join, as at the corners of a lattice of cells, form
-groups: an original and its copies, each with the motion that lays the original onto it. All move alike, each turned:
-u_copy = R u_original. A point that a motion lays onto itself, as those on the axis of a sector, moves in the directions
-alone that its rotation keeps.
+Points on both sides of periodic pairs, and points that several pairs join, as at the corners of a lattice of cells,
+form groups: an original and its copies, each with the motion that maps the original onto it. All move together, each
+rotated: u_copy = R u_original. A point that a motion maps onto itself, such as a point on the axis of a sector, moves
+only in the directions that its rotation keeps.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -25,25 +25,25 @@ from .topology import Link, PeriodicLinks, Topology, describe, link_pairs
 __all__ = ["NodeTies", "Ties", "control_ties", "gap_between", "row_ties", "rows_of_sides", "sides_of", "tied_sides"]
 
 SAME = 1e-9
-"""Entries of rotations closer than this are equal: a smaller angle about an axis is none between periodic sides."""
+"""Entries of rotations closer than this are equal: periodic sides do not differ by smaller angles about an axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ties(OneLine):
     """Originals and their copies."""
 
-    # originals, copies: (n,) of int, an original may have several copies, and is none itself
+    # originals, copies: (n,) of int, an original may have several copies, and is not itself a copy
     originals: np.ndarray
     copies: np.ndarray
-    turns: np.ndarray  # (n, 3, 3), rotation that turns the displacement of the original into that of the copy
+    turns: np.ndarray  # (n, 3, 3), rotation of the original's displacement into the copy's
     shifts: np.ndarray  # (n, 3), the copy is at ``turn x + shift`` (m)
     # on_axis: (m,) of int, originals, or points without copies, once for each direction in which they cannot move
     on_axis: np.ndarray
-    across: np.ndarray  # (m, 3), these directions: unit vectors, orthogonal where they are of one point
+    across: np.ndarray  # (m, 3), these directions: unit vectors, orthogonal for the same point
 
     @classmethod
     def of(cls, pairs: Sequence[tuple[np.ndarray, np.ndarray, Motion]]) -> Ties:
-        """Tie points a to points b, each of shape (n,), that a motion takes them to."""
+        """Tie points a to points b, each of shape (n,), onto which a motion maps them."""
         points = np.unique(np.concatenate([ids for a, b, _ in pairs for ids in (a, b)]))
         steps = []
         for a, b, motion in pairs:
@@ -74,7 +74,7 @@ class Ties(OneLine):
         return np.unique(np.concatenate([self.originals, self.copies, self.on_axis]))
 
     def groups_of(self, ids: np.ndarray) -> np.ndarray:
-        """All points of the groups that some points are in."""
+        """All points of the groups that contain some points."""
         of_these = np.isin(self.originals, ids) | np.isin(self.copies, ids)
         is_in = np.isin(self.originals, self.originals[of_these])
         return np.unique(np.concatenate([self.originals[is_in], self.copies[is_in]]))
@@ -86,19 +86,19 @@ class Ties(OneLine):
         return Ties(*ends, self.turns[is_in], self.shifts[is_in], self.on_axis, self.across)
 
     def numbered(self, numbers: np.ndarray) -> Ties:
-        """Number points anew by ``numbers[id]``; groups of which one has a negative number are left out."""
+        """Renumber points by ``numbers[id]``; groups with a negative number are left out."""
         kept = self.without(self.originals[(numbers[self.copies] < 0) | (numbers[self.originals] < 0)])
         is_on_axis = numbers[self.on_axis] >= 0
         ends = numbers[kept.originals], numbers[kept.copies]
         return Ties(*ends, kept.turns, kept.shifts, numbers[self.on_axis[is_on_axis]], self.across[is_on_axis])
 
     def lay(self, points: np.ndarray) -> np.ndarray:
-        """Points (m), in place, with copies where the motions take their originals."""
+        """Place copies, in place, where the motions map their originals (m)."""
         points[self.copies] = np.einsum("nij,nj->ni", self.turns, points[self.originals]) + self.shifts
         return points
 
     def lay_jvp(self, change: np.ndarray) -> np.ndarray:
-        """Change of what `lay` gives, in place."""
+        """Change of `lay`, in place."""
         change[self.copies] = np.einsum("nij,nj->ni", self.turns, change[self.originals])
         return change
 
@@ -114,9 +114,9 @@ class Ties(OneLine):
         values[self.copies] = values[self.originals]
 
     def alike(self, vectors: np.ndarray) -> np.ndarray:
-        """Displacements of all points, in place, with the mean of each group in the place of those of its points.
+        """Displacements of all points, in place, with each group's mean for its points: an orthogonal projection.
 
-        That is an orthogonal projection, hence its own transpose.
+        Hence it is its own transpose.
         """
         n_each = np.bincount(np.searchsorted(self._roots, self.originals), minlength=len(self._roots)) + 1.0
         mean = vectors[self._roots]
@@ -134,7 +134,7 @@ class Ties(OneLine):
 
 
 def _on_axis(root: np.ndarray, turns: np.ndarray, steps: Iterable[tuple]) -> tuple[np.ndarray, np.ndarray]:
-    """Directions in which originals cannot move because a chain of motions lays them onto themselves."""
+    """Directions in which originals cannot move because a chain of motions maps them onto themselves."""
     found: dict[int, list[np.ndarray]] = {}
     for a, b, turn, _ in steps:
         off = np.einsum("nji,njk->nik", turns[b], turn @ turns[a]) - np.eye(3)
@@ -149,13 +149,13 @@ def _on_axis(root: np.ndarray, turns: np.ndarray, steps: Iterable[tuple]) -> tup
 
 
 def control_ties(topology: Topology, control_ids: Sequence[np.ndarray]) -> Ties | None:
-    """Ties of the points of all segments by their numbers there; None where no sides are tied."""
+    """Ties of the points of all segments by their numbers there; None if no sides are tied."""
     layout = BlockLayout.of(ids.shape for ids in control_ids)
     return _ties(topology, layout, layout.join(control_ids).__getitem__) if topology.periodic else None
 
 
 def row_ties(topology: Topology) -> Ties | None:
-    """Ties of the nodes of a grid by their rows, of those that are one the first; None where no sides are tied."""
+    """Ties of the nodes of a grid by their rows, coincident nodes by the first; None if no sides are tied."""
     if not topology.periodic:
         return None
     copies = node_copies(topology)
@@ -175,7 +175,7 @@ def _ends(link: Link) -> tuple[tuple[int, Section], ...]:
 
 
 def rows_of_sides(topology: Topology) -> list[tuple[Motion, np.ndarray, np.ndarray]]:
-    """Motions, and rows of the nodes of one side, of those that are one the first, and of those that they go to."""
+    """Motions, rows of the nodes of one side, coincident nodes by the first, and rows of their partners."""
     copies, layout = node_copies(topology), _nodes(topology)
     found = []
     for tied in topology.periodic:
@@ -185,7 +185,7 @@ def rows_of_sides(topology: Topology) -> list[tuple[Motion, np.ndarray, np.ndarr
 
 
 def gap_between(topology: Topology, tied: PeriodicLinks, nodes: np.ndarray) -> float:
-    """Largest distance of nodes of one side, moved, from those of the other (m), of all nodes of a grid, (n, 3)."""
+    """Largest distance of moved nodes of one side from the other (m), from all nodes of a grid, (n, 3)."""
     a, b = (nodes[rows_of_places(topology, side)] for side in _linked(_nodes(topology), tied))
     return float(np.linalg.norm(tied.motion.move(a) - b, axis=1).max())
 
@@ -198,7 +198,7 @@ def sides_of(topology: Topology, tied: PeriodicLinks) -> tuple[str, str]:
 
 
 def _name(topology: Topology, number: int, section: Section) -> str:
-    """Name the face of a segment by its block, and by its nodes where it is part of that."""
+    """Name the face of a segment by its block, and by its nodes if it is a part of it."""
     segment = topology.segments[number]
     d = next(d for d, end in enumerate(section) if end is not None)
     return describe(segment.face(2 * d + (section[d] == -1)), topology.shapes[segment.block])
@@ -209,12 +209,12 @@ def _nodes(topology: Topology) -> BlockLayout:
 
 
 def _linked(layout: BlockLayout, tied: PeriodicLinks) -> np.ndarray:
-    """Places in segments, one after the other, of points of both sides, shape (2, n)."""
+    """Places in segments, in order, of points of both sides, shape (2, n)."""
     return np.concatenate([link_pairs(layout.shapes, layout.starts, link) for link in tied.links], axis=1)
 
 
 def _ties(topology: Topology, layout: BlockLayout, number: Callable[[np.ndarray], np.ndarray]) -> Ties:
-    """Ties of points by numbers that are given for their places in segments, one after the other."""
+    """Ties of points by numbers that are given for their places in segments, in order."""
     pairs = []
     for tied in topology.periodic:
         a, b = np.unique(np.stack([number(side) for side in _linked(layout, tied)]), axis=1)
@@ -224,14 +224,14 @@ def _ties(topology: Topology, layout: BlockLayout, number: Callable[[np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class NodeTies(OneLine):
-    """Ties of some nodes of a grid, and the nodes that are one with some of these."""
+    """Ties of some nodes of a grid, and the nodes that coincide with some of these."""
 
     ties: Ties  # by the numbers of the nodes
-    copies: np.ndarray  # (n, 2) of int, nodes, and the ones among the tied that they are
+    copies: np.ndarray  # (n, 2) of int, nodes, and the tied nodes with which they coincide
 
     @classmethod
     def of(cls, numbering: NodeNumbering) -> NodeTies | None:
-        """Take the ties of nodes; of a group that is not there as a whole, none. None where no sides are tied."""
+        """Take the ties of nodes, only of complete groups. None if no sides are tied."""
         of_grid = row_ties(numbering.topology)
         if of_grid is None:
             return None
@@ -247,13 +247,13 @@ class NodeTies(OneLine):
         return vectors
 
     def move_alike(self, nodes: np.ndarray, at_rest: np.ndarray) -> None:
-        """Give moved nodes, in place, displacements from where they are at rest that are alike; both (n_nodes, 3)."""
+        """Give moved nodes, in place, tied displacements from their rest positions; both (n_nodes, 3)."""
         change = self.alike(nodes - at_rest)
         rows = np.union1d(self.ties.ids, self.copies[:, 0])
         nodes[rows] = at_rest[rows] + change[rows]
 
     def move_alike_vjp(self, bar: np.ndarray, at_rest_bar: np.ndarray) -> None:
-        """Transpose of `move_alike`, which is linear: in place for the moved nodes, and added for those at rest."""
+        """Transpose of `move_alike`, which is linear: in place for the moved nodes, and added for the nodes at rest."""
         at_rest_bar += bar
         self.alike_vjp(bar)
         at_rest_bar -= bar

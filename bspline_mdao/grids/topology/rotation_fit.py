@@ -1,4 +1,4 @@
-"""The rotation that lays points onto others, whether it is known which onto which or not.
+"""The rotation that maps points onto others, with or without known partners.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -17,18 +17,18 @@ from .periodic_pair import SMALLEST, Motion
 __all__ = ["CLOSE", "congruent_triangles", "fit_rotation", "fit_turn", "rotation_between"]
 
 CLOSE = 1e-5
-"""Nodes of both sides lie on each other when they are closer than this part of the size of the grid."""
+"""Nodes of both sides coincide if they are closer than this fraction of the size of the grid."""
 
 MOST_CANDIDATES = 1_000
-"""Most points that corners of a triangle may be laid onto."""
+"""Largest number of points onto which corners of a triangle may be mapped."""
 
 
 def fit_rotation(
     points: np.ndarray,  # (n, 3), n > 2
-    laid: np.ndarray,  # (n, 3), where each of them is to be (m)
+    laid: np.ndarray,  # (n, 3), target of each (m)
     size: float,  # size of the grid (m)
-) -> Motion | None:  # None where it takes a screw or a translation
-    """Fit the rotation that lays points onto others best."""
+) -> Motion | None:  # None if it is a screw or a translation
+    """Fit the rotation that best maps points onto others."""
     middle, other = points.mean(axis=0), laid.mean(axis=0)
     u, _, vt = np.linalg.svd((laid - other).T @ (points - middle))
     turn = (u * [1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
@@ -41,7 +41,7 @@ def fit_rotation(
 
 
 def _axis_of_half_turn(turn: np.ndarray, sine: np.ndarray) -> np.ndarray:
-    """Axis of a rotation by nearly half a turn, whose sine says little of it."""
+    """Axis of a rotation by nearly half a turn, whose sine says little about it."""
     square = 0.5 * (turn + turn.T) - 0.5 * (np.trace(turn) - 1.0) * np.eye(3)
     axis = square[:, np.argmax(np.diag(square))]
     return axis / lengths(axis) * (-1.0 if axis @ sine < 0.0 else 1.0)
@@ -50,10 +50,10 @@ def _axis_of_half_turn(turn: np.ndarray, sine: np.ndarray) -> np.ndarray:
 def fit_turn(
     axis: np.ndarray,  # (3,), direction of the axis, of length 1
     points: np.ndarray,  # (n, 3), n > 1
-    laid: np.ndarray,  # (n, 3), where each of them is to be (m)
+    laid: np.ndarray,  # (n, 3), target of each (m)
     size: float,  # size of the grid (m)
 ) -> Motion | None:
-    """Fit the rotation about an axis of a given direction: by a part of a full turn where it is one but for digits."""
+    """Fit the rotation about an axis of a given direction: a fraction of a full turn if it is one up to digits."""
     middle, other = points.mean(axis=0), laid.mean(axis=0)
     from_axis = [vectors - np.outer(vectors @ axis, axis) for vectors in (points - middle, laid - other)]
     sine, cosine = np.cross(*from_axis) @ axis, np.einsum("nd,nd->n", *from_axis)
@@ -67,12 +67,12 @@ def fit_turn(
 
 
 def congruent_triangles(
-    corners: np.ndarray,  # (n, 3), points among which they are looked for
-    apart: np.ndarray,  # (n, n), distances of these
+    corners: np.ndarray,  # (n, 3), points to search
+    apart: np.ndarray,  # (n, n), distances between them
     triangle: np.ndarray,  # (3, 3), the corners of one
-    near: float,  # by which sides may differ (m)
+    near: float,  # tolerance of the sides (m)
 ) -> np.ndarray:
-    """Find all triangles of corners, shape (m, 3, 3), with the sides of one."""
+    """Find all triangles of corners, shape (m, 3, 3), congruent to a given one."""
     sides = lengths(triangle[[0, 0, 1]] - triangle[[1, 2, 2]])
     is_first, is_second, is_third = (np.abs(apart - length) <= near for length in sides)
     a, b = np.nonzero(is_first)
@@ -82,12 +82,12 @@ def congruent_triangles(
 
 def rotation_between(
     nodes: np.ndarray,  # (n, 3), nodes of a side (m)
-    others: np.ndarray,  # (n, 3), those of another, in any order
-    inwards: np.ndarray,  # (n, 3), directions from both into the mesh; zero where there is none
+    others: np.ndarray,  # (n, 3), nodes of another, in any order
+    inwards: np.ndarray,  # (n, 3), directions from both into the mesh; zero if there is none
     others_inwards: np.ndarray,
     size: float,  # size of the grid (m)
-) -> tuple[Motion, np.ndarray] | None:  # and the number of the other node that each node is laid onto
-    """Find the least rotation that lays all nodes of one side onto another that looks at it."""
+) -> tuple[Motion, np.ndarray] | None:  # and the number of the other node for each node
+    """Find the smallest rotation that maps all nodes of one side onto another that faces it."""
     tree, near = cKDTree(others), CLOSE * size
     found: list[tuple[float, Motion, np.ndarray]] = []
     for triangle, laid in _laid_triangles(nodes, others, near):
@@ -97,7 +97,7 @@ def rotation_between(
         distances, met = tree.query(motion.move(nodes))
         facing = np.einsum("nd,nd->n", motion.turn(inwards), others_inwards[met])
         if distances.max() > 10.0 * near or np.median(facing) > 0.0 or len(np.unique(met)) < len(nodes):
-            continue  # ten times: a rotation of three corners is as exact as these are
+            continue  # ten times: a rotation from three corners is only as exact as they are
         motion = fit_rotation(nodes, others[met], size) or motion
         if lengths(motion.move(nodes) - others[met]).max() <= near:
             found.append((abs(motion.angle), motion, met))
@@ -105,7 +105,7 @@ def rotation_between(
 
 
 def _laid_triangles(nodes: np.ndarray, others: np.ndarray, near: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield a large triangle of nodes, shape (3, 3), with each of others that it may be laid onto."""
+    """Yield a large triangle of nodes, shape (3, 3), with each triangle of others onto which it may be mapped."""
     middle, other = nodes.mean(axis=0), others.mean(axis=0)
     off, others_off = lengths(nodes - middle), lengths(others - other)
     first = nodes[np.argmax(off)]

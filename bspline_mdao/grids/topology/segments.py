@@ -1,9 +1,9 @@
 """Segments: blocks cut so that interfaces, patches and collapsed windows cover whole faces, and the links between them.
 
-Segments are linked across cut planes and interfaces. Edges and corners are linked where they coincide, but coincidence
+Segments are linked across cut planes and interfaces. Edges and corners are linked if they coincide, but coincidence
 alone does not make two points one: the two sides of a zero-thickness plate coincide, and stay apart except where a
-chain of interfaces around the plate joins them. So edges, and then corners, are linked only where no two of those that
-coincide lie on faces kept apart by declaration and are still apart once all interfaces count.
+chain of interfaces around the plate joins them. So edges, and then corners, are linked only if no two of the coincident
+ones lie on faces that are kept apart by declaration and are still apart once all interfaces count.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -25,7 +25,7 @@ from .shell import OnFaces
 from .topology import Collapse, Link, Topology
 
 MAX_SEGMENTS = 64
-"""Most segments of one block; interfaces and windows that would need more are not cut out."""
+"""Largest number of segments of one block; interfaces and windows that would need more are not cut out."""
 
 Cuts = list[tuple[set[int], ...]]
 
@@ -35,7 +35,7 @@ class Segmentation:
     """Blocks cut into segments, and how the segments are joined by their faces."""
 
     segments: tuple[Window, ...]  # blocks in order, the segments of each in C order
-    interfaces: tuple[Interface, ...]  # those that cover whole faces of segments
+    interfaces: tuple[Interface, ...]  # interfaces that cover whole faces of segments
     links: tuple[Link, ...]  # between segments across cut planes and interfaces
     collapses: tuple[Collapse, ...]  # sections of segments of zero extent
     # what was not cut out because a block would have had more than `MAX_SEGMENTS`
@@ -46,8 +46,8 @@ def segment_blocks(
     shapes: Sequence[tuple[int, ...]],  # number of nodes of each block
     interfaces: Sequence[Interface],  # interfaces, patches: face windows of blocks
     patches: Sequence[Window],
-    collapsed: dict[Window, tuple[int, ...]],  # windows of zero extent and the directions in which they have none
-    periodic: Sequence[Interface] = (),  # pairs of face windows that are to be cut alike, and are not linked
+    collapsed: dict[Window, tuple[int, ...]],  # windows of zero extent and the directions of zero extent
+    periodic: Sequence[Interface] = (),  # pairs of face windows to cut in the same way, without links
 ) -> Segmentation:
     """Cut blocks so that interfaces, patches and collapsed windows cover whole faces of segments."""
     cuts, uncut = find_cuts(shapes, [*interfaces, *periodic], [*patches, *collapsed])
@@ -60,10 +60,10 @@ def segment_blocks(
 
 def find_cuts(
     shapes: Sequence[tuple[int, ...]], interfaces: Sequence[Interface], windows: Sequence[Window]
-) -> tuple[list, list]:  # cuts: for each block and direction, with both ends; uncut: what is not cut out
-    """Find the indices at which to cut every block, passed on through interfaces until nothing changes."""
-    # Where a block would fall into more than `MAX_SEGMENTS`, the smallest of the interfaces and windows that do not
-    # cover a whole face are not cut out, those at that block first, an eighth of them at a time.
+) -> tuple[list, list]:  # cuts: for each block and direction, with both ends; uncut: windows that are not cut out
+    """Find the indices at which to cut every block, propagated through interfaces until nothing changes."""
+    # If a block would have more than `MAX_SEGMENTS`, the smallest of the interfaces and windows that do not cover a
+    # whole face are not cut out, those at this block first, an eighth of them at a time.
     wanted: list[Interface | Window] = [*interfaces, *windows]
     uncut: list[Interface | Window] = []
     while True:
@@ -165,13 +165,13 @@ def _cuts_block(shapes: Sequence[tuple[int, ...]], window: Window) -> bool:
 
 
 def _priority(item: Interface | Window, block: int) -> tuple:
-    """Sort key of what is left uncut: what is at the block with too many segments first, small before large."""
+    """Sort key of uncut windows: those at the block with too many segments first, small before large."""
     windows = _windows(item)
     return all(window.block != block for window in windows), np.prod(windows[0].shape), windows[0].block, windows[0].lo
 
 
 def _spread_cuts(shapes: Sequence[tuple[int, ...]], wanted: Sequence[Interface | Window]) -> tuple[list, int | None]:
-    """Cuts that the wanted interfaces and windows need, and the first block with too many segments, if any."""
+    """Cuts for the given interfaces and windows, and the first block with too many segments, if any."""
     cuts: Cuts = [tuple({0, n - 1} for n in shape) for shape in shapes]
     for window in (window for item in wanted for window in _windows(item)):
         for d in range(3):
@@ -188,7 +188,7 @@ def _spread_cuts(shapes: Sequence[tuple[int, ...]], wanted: Sequence[Interface |
 
 
 def _map_cuts(cuts: Cuts, interface: Interface) -> bool:
-    """Add the cuts of side a to those of side b in place, and return whether any is new."""
+    """Add the cuts of side a to side b in place, and return whether any is new."""
     is_changed = False
     for d, p in enumerate(interface.orientation.perm):
         if interface.a.lo[d] == interface.a.hi[d]:
@@ -202,7 +202,7 @@ def _map_cuts(cuts: Cuts, interface: Interface) -> bool:
 
 
 def _first_full_block(cuts: Cuts) -> int | None:
-    """Return the first block cut into more than `MAX_SEGMENTS`; None where there is none."""
+    """Return the first block cut into more than `MAX_SEGMENTS`; None if there is none."""
     for block, directions in enumerate(cuts):
         if np.prod([max(len(cut) - 1, 1) for cut in directions]) > MAX_SEGMENTS:
             return block
@@ -221,7 +221,7 @@ def junction_links(
     found: list[Link] = []
     starts = BlockLayout.of(shapes).starts
     corners = _apart_corners(ids, starts, quads, separated)
-    for n_free in (1, 0):  # edges are linked before corners, many of which they make one
+    for n_free in (1, 0):  # edges before corners, many of which are linked by edges
         copies = _copies(shapes, segmentation, found)
         apart = _apart_pairs(source_rows(copies, corners))
         for group in _coincident_junctions(segmentation.segments, ids, starts, copies, n_free):
@@ -236,13 +236,13 @@ class Junction:
     segment: int  # segment number
     section: Section  # the edge or corner
     points: np.ndarray  # (n,) of int, points on which its nodes lie
-    # (n,) of int, rows of its nodes in the grid vector, of shared ones that of the first, by the links found so far
+    # (n,) of int, rows of its nodes in the grid vector, shared nodes by the first, according to the links so far
     shared: np.ndarray
     is_reversed: bool  # whether an edge is listed from its high end, so that coincident edges list alike
 
 
 def _copies(shapes: Sequence[tuple[int, ...]], segmentation: Segmentation, found: Sequence[Link]) -> np.ndarray:
-    """Rows that are copies, and the rows that they copy, by the links found so far: see `node_copies`."""
+    """Rows that are copies, and the rows that they copy, by the links so far: see `node_copies`."""
     links, nothing = (*segmentation.links, *found), ((),) * 4
     joined = Topology("grid", tuple(shapes), *nothing, segmentation.segments, links, segmentation.collapses)
     return node_copies(joined)
@@ -257,7 +257,7 @@ def _apart_corners(ids: Sequence[OnFaces], starts: np.ndarray, quads: Quads, sep
 
 
 def _apart_pairs(shared: np.ndarray) -> set[tuple[int, ...]]:
-    """Pairs of numbers, the lower first, that must not become one."""
+    """Pairs of numbers, the lower first, that must not be joined."""
     pairs = np.unique(np.sort(shared[shared[:, 0] != shared[:, 1]], axis=1), axis=0)
     return set(map(tuple, pairs.tolist()))
 
@@ -265,7 +265,7 @@ def _apart_pairs(shared: np.ndarray) -> set[tuple[int, ...]]:
 def _coincident_junctions(
     segments: Sequence[Window], ids: Sequence[OnFaces], starts: np.ndarray, copies: np.ndarray, n_free: int
 ) -> list[list[Junction]]:
-    """Edges (one free direction) or corners (none) that lie on the same points, one of each that is shared already."""
+    """Edges (one free direction) or corners (none) on the same points, one for each that is already shared."""
     groups: dict[bytes, dict[bytes, Junction]] = {}
     for number, segment in enumerate(segments):
         for section in sections_of(segment.shape, n_free):
@@ -288,14 +288,14 @@ def _section_window(segment: Window, section: Section) -> Window:
 
 
 def _junction(number: int, section: Section, points: np.ndarray, rows: np.ndarray) -> Junction:
-    """Make a junction, turned so that those on the same points list them alike."""
+    """Make a junction, oriented so that coincident ones list their points in the same order."""
     is_reversed = points.tolist() > points[::-1].tolist()
     step = -1 if is_reversed else 1
     return Junction(number, section, points[::step], rows[::step], is_reversed)
 
 
 def _group_links(group: Sequence[Junction], apart: set[tuple[int, ...]]) -> list[Link]:
-    """Links from the first of coincident junctions to the others, none where two are kept apart."""
+    """Links from the first of coincident junctions to the others, unless two are kept apart."""
     for a, b in combinations(group, 2):
         if not apart.isdisjoint(zip(np.minimum(a.shared, b.shared).tolist(), np.maximum(a.shared, b.shared).tolist())):
             return []

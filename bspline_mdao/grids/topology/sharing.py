@@ -1,4 +1,4 @@
-"""Nodes and directions that segments share, and the nodes that points of another program are.
+"""Nodes and directions that segments share, and the grid nodes of another program's points.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -24,27 +24,27 @@ from .topology import BoundaryFace, Topology, first_joined
 
 @dataclass(frozen=True)
 class NodeSharing:
-    """Rows of the nodes of segments, which segment evaluates each node, and where the other rows get it from."""
+    """Rows of the nodes of segments, which segment evaluates each node, and the sources of the other rows."""
 
     # tuple of ndarray of int, each of the segment's shape of int, row of each node of the segment in the grid vector
     # (shape (n_nodes, 3), blocks in order, each in C order)
     rows: tuple[np.ndarray, ...]
-    # tuple of ndarray of bool, each of the segment's shape of bool, true where this segment is the first to hold the
+    # tuple of ndarray of bool, each of the segment's shape of bool, true if this segment is the first to contain the
     # node: each unique node exactly once
     is_evaluated: tuple[np.ndarray, ...]
-    # (n_copies, 2) of int, (destination row, source row) for all rows that no segment evaluates, by ascending
+    # (n_copies, 2) of int, (destination row, source row) for all rows that no segment evaluates, ascending by
     # destination
     copies: np.ndarray
 
     def source_rows(self) -> np.ndarray:
-        """Row that stands for each row of the grid vector: its own, or that of the node that it is a copy of."""
+        """Row that stands for each row of the grid vector: its own, or the row of the node that it copies."""
         source = np.arange(1 + max(int(rows.max()) for rows in self.rows))
         source[self.copies[:, 0]] = self.copies[:, 1]
         return source
 
 
 def node_sharing(topology: Topology) -> NodeSharing:
-    """Assign each unique node of a grid to the first segment that holds it."""
+    """Assign each unique node of a grid to the first segment that contains it."""
     whole = topology.layout.numbers
     rows = [whole[segment.block][segment.slices] for segment in topology.segments]
     ids = topology.node_ids()
@@ -62,7 +62,7 @@ def node_sharing(topology: Topology) -> NodeSharing:
 def direction_classes(topology: Topology) -> np.ndarray:
     """Group segment directions that must have equal counts and orders."""
     # Returns (n_segments, 3) of int, class of each direction of each segment, numbered by first occurrence; directions
-    # that a chain of links joins are in one class.
+    # joined by a chain of links are in one class.
     ids = np.arange(3 * len(topology.segments)).reshape(-1, 3)
     pairs = [
         [ids[link.a, d], ids[link.b, link.orientation.perm[d]]]
@@ -76,9 +76,9 @@ def direction_classes(topology: Topology) -> np.ndarray:
 
 def directed_classes(topology: Topology) -> np.ndarray:
     """Group segment directions with their senses: forwards, or backwards."""
-    # Returns (n_segments, 3, 2) of int, class of each direction of each segment, forwards and backwards: two that a
-    # chain of links joins are in one class where they have the same sense. Both classes of a direction are one where
-    # links turn it round to itself.
+    # Returns (n_segments, 3, 2) of int, class of each direction of each segment, forwards and backwards: two directions
+    # joined by a chain of links are in one class if they have the same sense. Both classes of a direction are equal if
+    # links map it to itself reversed.
     ids = np.arange(6 * len(topology.segments)).reshape(-1, 3, 2)
     pairs = [
         [ids[link.a, d, way], ids[link.b, link.orientation.perm[d], way ^ link.orientation.flip[d]]]
@@ -94,18 +94,18 @@ def directed_classes(topology: Topology) -> np.ndarray:
 def boundary_sections(
     topology: Topology,  # the boundary and the segments
     # sequence of ndarray of int, each of shape (N0, N1, N2) of int, numbers of the points of every segment, such as
-    # those of its control points
+    # its control points
     points: Sequence[np.ndarray],
 ) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
-    """Yield boundary faces, each with every face of a segment that is on it, see `boundary_sides`."""
+    """Yield boundary faces, each with every face of a segment on it, see `boundary_sides`."""
     # Returns face; ids: (ni, nj) of int, numbers of the points of the segment's face.
     for face, number, side in boundary_sides(topology):
         yield face, np.take(points[number], -(side % 2), axis=side // 2)
 
 
 def boundary_sides(topology: Topology) -> Iterator[tuple[BoundaryFace, int, int]]:
-    """Yield boundary faces, each with the number of every segment that has a face on it, and the number of this one."""
-    # Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
+    """Yield boundary faces, each with the number of every segment that has a face on it, and of this face."""
+    # Declared patches cover whole faces of segments. Undeclared boundary may end inside one, and counts for all of it.
     for face in topology.boundary:
         for number, segment in enumerate(topology.segments):
             for side in range(6) if segment.block == face.window.block else ():
@@ -116,10 +116,10 @@ def boundary_sides(topology: Topology) -> Iterator[tuple[BoundaryFace, int, int]
 def rows_of_points(
     grid: Grid | StoredGrid, topology: Topology, points: np.ndarray, what: str = "volume", comm: Any = ONE
 ) -> np.ndarray:
-    """Find the rows in the grid vector of points that another program holds.
+    """Find the rows in the grid vector of the points of another program.
 
-    Blocks are searched one after another, and only those that points may be in: of a grid that stays in its file, see
-    `bspline_mdao.open_grid`, one block is in memory at a time.
+    Blocks are searched one after another, and only those that may contain points. For a grid that stays in its file,
+    see `bspline_mdao.open_grid`, one block is in memory at a time.
 
     Parameters
     ----------
@@ -128,13 +128,13 @@ def rows_of_points(
     topology : Topology
         Its topology: nodes that blocks share are one.
     points : ndarray, shape (m, 3) or (3 m,)
-        Points (m), each a node of the grid, in any order and as often as the program likes: those of this process,
-        which may be none.
+        Points (m), each a node of the grid, in any order and with repetitions: the points of this process, which may
+        have none.
     what : str
-        What the points are, for messages.
+        Description of the points for messages.
     comm : communicator, optional
-        Of several processes that each look for their own points: all come here, share the reading of all blocks, and
-        raise what one of them raises.
+        Several processes that each search for their own points: all call this, share the reading of the blocks, and
+        raise the errors of any of them.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def rows_of_points(
     Raises
     ------
     InputError
-        As `numbers_of_points`.
+        As in `numbers_of_points`.
 
     Examples
     --------
@@ -179,7 +179,7 @@ def rows_of_points(
 
 
 _MARGIN = 0.05
-"""How far outside the box of a block, as a part of its diagonal, points are still looked for among its nodes."""
+"""Margin around the box of a block, relative to its diagonal, within which points are searched among its nodes."""
 
 
 def _boxes(grid: Grid | StoredGrid, comm: Any) -> np.ndarray:
@@ -193,7 +193,7 @@ def _boxes(grid: Grid | StoredGrid, comm: Any) -> np.ndarray:
 
 
 _NEARER = 0.1
-"""A point is a node if it is nearer to it than this part of its distance to the next one."""
+"""A point is a node if it is closer to it than this fraction of its distance to the next one."""
 
 
 def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str, comm: Any = ONE) -> np.ndarray:
@@ -204,13 +204,13 @@ def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str, comm: An
     Parameters
     ----------
     nodes : ndarray, shape (n, 3)
-        Nodes (m), such as those of a `bspline_mdao.measures.SurfaceGrid`.
+        Nodes (m), such as the nodes of a `bspline_mdao.measures.SurfaceGrid`.
     points : ndarray, shape (m, 3) or (3 m,)
         Points (m), such as a solver's surface.
     what : str
-        What the points are, for messages.
+        Description of the points for messages.
     comm : communicator, optional
-        Of several processes that each look for their own points: all come here, and raise what one of them raises.
+        Several processes that each search for their own points: all call this, and raise the errors of any of them.
 
     Returns
     -------
@@ -220,7 +220,7 @@ def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str, comm: An
     Raises
     ------
     InputError
-        If a point is no node, or is two that lie at one place, such as those on both sides of a plate.
+        If a point is not a node, or coincides with two, such as on both sides of a plate.
 
     Examples
     --------
@@ -237,7 +237,7 @@ def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str, comm: An
 
 
 def _two_nearest(nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances (m) of points to the two nearest nodes, shape (m, 2), infinite where there is none, and the nearest."""
+    """Distances (m) of points to the two nearest nodes, shape (m, 2), infinite if there is none, and the nearest."""
     if not len(nodes):
         return np.full((len(points), 2), np.inf), np.zeros(len(points), dtype=int)
     distance, number = cKDTree(nodes).query(points, k=2, workers=thread_count(None))
@@ -245,7 +245,7 @@ def _two_nearest(nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _require_found(near: np.ndarray, far: np.ndarray, what: str) -> None:
-    """Refuse points that are no node, by the distances (m) to the two nearest ones."""
+    """Refuse points that are not nodes, by the distances (m) to the two nearest ones."""
     is_found = near < _NEARER * far
     if not is_found.all():
         point = int(np.argmin(is_found))

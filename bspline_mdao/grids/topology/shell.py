@@ -1,7 +1,7 @@
-"""The faces of a block and the layers of nodes next to them: what the topology of a grid is found from.
+"""The faces of a block and the layers of nodes next to them, from which the topology of a grid is found.
 
-A topology needs no node inside of a block, so a process that looks for it holds shells instead of blocks. Values at the
-nodes of faces (`OnFaces`) are looked up by windows as if there were an array of the block's shape.
+A topology needs no node inside a block, so the process that finds it holds shells instead of blocks. Values at the
+nodes of faces (`OnFaces`) are indexed by windows as if there were an array of the block's shape.
 
 Theory: ``docs/theory/topology.rst``.
 """
@@ -18,7 +18,7 @@ from .index_space import Window, window_rows
 __all__ = ["FaceNodes", "OnFaces", "Shell"]
 
 N_SAMPLES = 3000
-"""Numbers of a block, about, from which the precision of its data is judged."""
+"""Approximate number of values of a block from which the precision of its data is judged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class FaceNodes:
         return cls(tuple(shape), np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *faces])))
 
     def places(self, window: Window) -> np.ndarray:
-        """Place of each node of a window among these, an array of the window's shape; -1 inside of the block."""
+        """Place of each node of a window among these, an array of the window's shape; -1 inside the block."""
         wanted = window_rows(window, self.shape)
         at = np.minimum(np.searchsorted(self.numbers, wanted), max(len(self.numbers) - 1, 0))
         return np.where(self.numbers[at] == wanted, at, -1) if len(self.numbers) else np.full(wanted.shape, -1)
@@ -77,11 +77,11 @@ class OnFaces:
 
 @dataclass(frozen=True, eq=False)
 class Shell:
-    """Nodes on the faces of a block and next to them, and what the topology has to know of all others."""
+    """Nodes on the faces of a block and next to them, and what the topology needs to know of all others."""
 
-    nodes: FaceNodes  # which nodes they are
+    nodes: FaceNodes  # the face nodes
     points: np.ndarray  # (n, 3), nodes on the faces (m)
-    # layer of nodes next to each face, shape (n, m, 3), over its tangent directions in ascending order (m); None of a
+    # layer of nodes next to each face, shape (n, m, 3), over its tangent directions in ascending order (m); None for a
     # direction of one node
     inner_layers: tuple[np.ndarray | None, ...]
     samples: np.ndarray  # (n_samples,), coordinates spread over the block (m)
@@ -114,7 +114,7 @@ class Shell:
         return self.points[self.nodes.places(window)]
 
     def layers(self, window: Window) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes of a face window and those next to it, as `bspline_mdao.grids.topology.index_space.face_layers` (m)."""
+        """Nodes of a face window and the next layer, as `bspline_mdao.grids.topology.index_space.face_layers` (m)."""
         flat = window.shape.index(1)
         tangents = tuple(part for d, part in enumerate(window.slices) if d != flat)
         inner, face = self.inner_layers[2 * flat + (window.lo[flat] > 0)], self.at(window).squeeze(flat)

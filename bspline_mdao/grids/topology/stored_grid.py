@@ -1,6 +1,6 @@
-"""A grid whose nodes stay where they are stored, such as in its file: blocks and windows are read when asked for.
+"""A grid whose nodes stay in storage, such as its file: blocks and windows are read on request.
 
-It has what a `bspline_mdao.grids.topology.grid.Grid` has, names, shapes and patches, and holds no node.
+It has the names, shapes and patches of a `bspline_mdao.grids.topology.grid.Grid`, but holds no nodes.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ __all__ = ["StoredBlock", "StoredGrid"]
 
 @dataclass(frozen=True, eq=False)
 class StoredBlock:
-    """A block whose nodes are read when they are asked for, and not kept."""
+    """A block whose nodes are read on request, and not kept."""
 
     shape: tuple[int, ...]  # number of nodes in each direction
     name: str  # name of the block
-    read: Callable[[Window | None], Block]  # takes a `Window` and returns a `Block` of its nodes; None is the whole
+    read: Callable[[Window | None], Block]  # takes a `Window` and returns a `Block` of its nodes; None for the whole
 
     @property
     def nodes(self) -> np.ndarray:
@@ -43,19 +43,19 @@ class StoredBlock:
 
 @dataclass(frozen=True, eq=False)
 class StoredGrid(OneLine):
-    """A grid whose nodes stay in its file. Made by `bspline_mdao.open_grid`; other processes may be sent it."""
+    """A grid whose nodes stay in its file. Made by `bspline_mdao.open_grid`; it can be sent to other processes."""
 
     blocks: tuple[StoredBlock, ...]  # the blocks in file order
     patches: tuple[Patch, ...] = ()  # declared patches
-    source: str = "grid"  # where the grid came from, for messages
-    dialect: Any = field(default=None, compare=False)  # how the file was written
+    source: str = "grid"  # origin of the grid, for messages
+    dialect: Any = field(default=None, compare=False)  # details of the file's format
     connections: tuple[Interface, ...] = ()  # one-to-one connections that the file declares, each once
-    unit: str = ""  # unit of lengths; empty where nobody says it
+    unit: str = ""  # unit of lengths; empty if unknown
     periodic: tuple[PeriodicPair, ...] = ()  # sides that the file declares as periodic
 
     @property
     def length_unit(self) -> str:
-        """Unit that lengths are shown in: metres where nobody says another one."""
+        """Unit in which lengths are shown: metres if unknown."""
         return self.unit or "m"
 
     @property
@@ -70,7 +70,7 @@ class StoredGrid(OneLine):
 
     @property
     def n_nodes(self) -> int:
-        """Nodes of all blocks, interface nodes counted once for every block that holds them."""
+        """Nodes of all blocks; interface nodes are counted once for every block that contains them."""
         return self.layout.size
 
     def read(self, window: Window) -> Block:
@@ -86,7 +86,7 @@ class StoredGrid(OneLine):
 
     def grid(
         self,
-        # their numbers, from 0, in the order in which they are wanted; all by default
+        # their numbers, from 0, in the desired order; all by default
         blocks: Iterable[int] | None = None,
     ) -> Grid:
         """Read some of the blocks as a grid, with their patches and the connections between them."""
@@ -117,7 +117,7 @@ class StoredGrid(OneLine):
 
     @classmethod
     def of(cls, grid: Grid) -> StoredGrid:
-        """See a grid in memory as a stored one."""
+        """Treat a grid in memory as a stored one."""
         blocks = tuple(StoredBlock(block.shape, block.name, partial(_part, block)) for block in grid.blocks)
         return cls(blocks, grid.patches, grid.source, grid.dialect, grid.connections, grid.unit, grid.periodic)
 
@@ -135,7 +135,7 @@ def _renumbered(window: Window, numbers: Sequence[int]) -> Window:
 
 
 def _patches_of(patches: Sequence[Patch], numbers: Sequence[int]) -> tuple[Patch, ...]:
-    """Patches of some blocks, which are numbered anew; those without a window there are left out."""
+    """Patches of some blocks, renumbered, without patches that have no window there."""
     parts = (
         replace(patch, windows=tuple(_renumbered(w, numbers) for w in patch.windows if w.block in numbers))
         for patch in patches
@@ -144,7 +144,7 @@ def _patches_of(patches: Sequence[Patch], numbers: Sequence[int]) -> tuple[Patch
 
 
 def _pairs_of(pairs: Sequence[PeriodicPair], numbers: Sequence[int]) -> tuple[PeriodicPair, ...]:
-    """Periodic sides of some blocks, which are numbered anew; those of which one side is elsewhere are left out."""
+    """Periodic sides of some blocks, renumbered, without pairs with one side elsewhere."""
     parts = (
         replace(pair, windows=tuple(windows), others=tuple(others))
         for pair in pairs

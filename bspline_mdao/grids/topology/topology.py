@@ -25,10 +25,10 @@ from .periodic_pair import Motion
 
 @dataclass(frozen=True)
 class BoundaryFace:
-    """A face window that no block continues."""
+    """A face window without an adjacent block."""
 
     window: Window  # the face window of a grid block
-    # patch, kind: name and kind of the declared patch that it belongs to; None where nothing is declared
+    # patch, kind: name and kind of its declared patch; None if nothing is declared
     patch: str | None = None
     kind: str | None = None
 
@@ -38,7 +38,7 @@ class NearMiss:
     """Two face windows that nearly coincide and are therefore probably meant to, whether they are joined or not."""
 
     window: Window  # the face window
-    other: Window  # the one it nearly meets
+    other: Window  # the window that it nearly meets
     # distance of two nodes that nearly coincide, in metres, where it is largest relative to the local spacing
     gap: float
     spacing: float  # local spacing there, in metres
@@ -46,7 +46,7 @@ class NearMiss:
 
 @dataclass(frozen=True)
 class Link:
-    """Two sections of segments that are one and the same."""
+    """Two sections of segments that coincide."""
 
     # a, b: segment numbers
     a: int
@@ -59,15 +59,15 @@ class Link:
 
 @dataclass(frozen=True)
 class PeriodicLinks(OneLine):
-    """Faces of segments that are one but for a motion: both sides of a periodic pair."""
+    """Faces of segments that coincide up to a motion: both sides of a periodic pair."""
 
-    motion: Motion  # it takes the points of the faces a to those of the faces b
+    motion: Motion  # maps the points of the faces a to the faces b
     links: tuple[Link, ...]
 
 
 @dataclass(frozen=True)
 class Collapse:
-    """A section of a segment in which all points along one direction are one."""
+    """A section of a segment in which all points along one direction coincide."""
 
     segment: int  # segment number
     section: Section  # the face or edge (see `Section`)
@@ -78,29 +78,29 @@ class Collapse:
 class Topology(OneLine):
     """Interfaces, boundary and collapsed parts of a grid, its segments, and the links that join them."""
 
-    source: str  # where the grid came from, for messages
+    source: str  # origin of the grid, for messages
     shapes: tuple[tuple[int, ...], ...]  # number of nodes of each block
     interfaces: tuple[Interface, ...]  # pairs of face windows that coincide
-    boundary: tuple[BoundaryFace, ...]  # declared patches, and what else is neither interface nor collapsed
+    boundary: tuple[BoundaryFace, ...]  # declared patches, and other faces that are neither interfaces nor collapsed
     collapsed: tuple[Window, ...]  # faces and edges, or windows of them, of zero extent in at least one direction
     near_misses: tuple[NearMiss, ...]  # pairs of face windows that nearly coincide, and are not joined
     segments: tuple[Window, ...]  # parts of blocks, one spline volume each: whole blocks unless cut
-    links: tuple[Link, ...]  # faces, edges and corners of segments that are one
+    links: tuple[Link, ...]  # faces, edges and corners of segments that coincide
     collapses: tuple[Collapse, ...]  # sections of segments of zero extent
-    warnings: tuple[str, ...] = ()  # what could not be used, or not as it is, one line each
-    joined_gaps: tuple[NearMiss, ...] = ()  # interfaces that are joined though some of their nodes do not coincide
-    # pairs of blocks whose faces lie on the same points, from 0: the second is the first once more
+    warnings: tuple[str, ...] = ()  # what could not be used, or not as given, one line each
+    joined_gaps: tuple[NearMiss, ...] = ()  # interfaces that are joined although some of their nodes do not coincide
+    # pairs of blocks whose faces lie on the same points, from 0: the second duplicates the first
     repeated: tuple[tuple[int, int], ...] = ()
-    periodic: tuple[PeriodicLinks, ...] = ()  # interfaces that carry a motion; their faces are boundary as well
+    periodic: tuple[PeriodicLinks, ...] = ()  # interfaces with a motion; their faces are boundary as well
 
     @property
     def alike(self) -> tuple[Link, ...]:
-        """Links of sections that have equal numbers of points, parameters and splines: those of periodic sides too."""
+        """Links of sections with equal numbers of points, parameters and splines, including periodic sides."""
         return (*self.links, *(link for tied in self.periodic for link in tied.links))
 
     @property
     def n_nodes(self) -> int:
-        """Number of nodes of all blocks, those that blocks share counted in each."""
+        """Number of nodes of all blocks; shared nodes are counted in each."""
         return self.layout.size
 
     @cached_property
@@ -110,7 +110,7 @@ class Topology(OneLine):
 
     @property
     def segment_names(self) -> tuple[str, ...]:
-        """Names of the segments for messages: the block, and the index range where a block is cut."""
+        """Names of the segments for messages: the block, and the index range if a block is cut."""
         return tuple(_segment_name(segment, self.shapes[segment.block]) for segment in self.segments)
 
     def node_ids(self) -> list[np.ndarray]:
@@ -119,7 +119,7 @@ class Topology(OneLine):
 
 
 def describe(window: Window, shape: tuple[int, ...] | None = None) -> str:
-    """Name a window for a message: block and index ranges, from 1; its face where it is a whole one of that shape."""
+    """Name a window for a message: block and index ranges, from 1; its face if it is a whole face of that shape."""
     faces = [] if shape is None else [Window.whole(window.block, shape).face(n) for n in range(len(FACE_NAMES))]
     for face, name in zip(faces, FACE_NAMES):
         if window == face:
@@ -129,7 +129,7 @@ def describe(window: Window, shape: tuple[int, ...] | None = None) -> str:
 
 
 def _segment_name(segment: Window, shape: tuple[int, ...]) -> str:
-    """Name a segment for messages, as its block where it is one."""
+    """Name a segment for messages, as its block if it is one."""
     if segment == Window.whole(segment.block, shape):
         return f"block {segment.block + 1}"
     return describe(segment)
@@ -137,11 +137,11 @@ def _segment_name(segment: Window, shape: tuple[int, ...]) -> str:
 
 def shared_ids(
     shapes: Sequence[tuple[int, ...]],  # shape of the index space of every segment
-    links: Sequence[Link],  # sections that are the same
+    links: Sequence[Link],  # coincident sections
     collapses: Sequence[Collapse] = (),  # sections without extent in one direction
     names: Sequence[str] | None = None,  # names of the segments for messages; "block 1", ... by default.
 ) -> list[np.ndarray]:
-    """Give the points of index spaces numbers, linked points the same."""
+    """Number the points of index spaces, linked points alike."""
     # Returns list of ndarray of int32, each of the given shape of int, numbers 0, 1, 2, ... by first occurrence
     # (segments in order, each in C order).
     layout = BlockLayout.of(shapes)
@@ -156,8 +156,8 @@ def joined_pairs(
     collapses: Sequence[Collapse] = (),
     names: Sequence[str] | None = None,
 ) -> list[np.ndarray]:
-    """Pairs of points, each array of shape (2, n), that links and collapses make one; arguments as of `shared_ids`."""
-    # Points are counted through, segments in order, each in C order. All of them lie on faces of segments.
+    """Pairs of points, each array of shape (2, n), that links and collapses join; arguments as in `shared_ids`."""
+    # Points are numbered consecutively, segments in order, each in C order. All of them lie on faces of segments.
     starts = BlockLayout.of(shapes).starts
     pairs = [link_pairs(shapes, starts, link, names) for link in links]
     return pairs + [_collapse_pairs(shapes, starts, collapse) for collapse in collapses]
@@ -193,7 +193,7 @@ def _collapse_pairs(shapes: Sequence[tuple[int, ...]], starts: np.ndarray, colla
 
 
 def first_joined(n: int, pairs: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the first point that each of n points is joined to through any chain of pairs, each of shape (2, m)."""
+    """Return the first point to which each of n points is joined by any chain of pairs, each of shape (2, m)."""
     first = np.arange(n)
     points, firsts = joined_points(pairs)
     first[points] = firsts
@@ -201,7 +201,7 @@ def first_joined(n: int, pairs: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def joined_points(pairs: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points in pairs, each of shape (2, m), ascending, and the first that each of them is joined to."""
+    """Return the points in pairs, each of shape (2, m), ascending, and the first point to which each is joined."""
     a, b = np.concatenate([np.zeros((2, 0), dtype=np.int64), *pairs], axis=1)
     points, places = np.unique(np.concatenate([a, b]), return_inverse=True)
     graph = coo_array((np.ones(len(a), dtype=bool), np.split(places, [len(a)])), shape=(len(points), len(points)))

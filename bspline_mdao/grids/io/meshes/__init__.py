@@ -1,1 +1,1 @@
-"""Files of meshes that are not fitted: read, and written back with other coordinates and all else as it was."""
+"""Files of meshes that are not fitted: read, and written back with new coordinates and otherwise unchanged."""

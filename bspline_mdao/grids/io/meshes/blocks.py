@@ -1,4 +1,4 @@
-"""Grids of blocks taken as meshes: PLOT3D and CGNS with structured zones, written back with other nodes.
+"""Grids of blocks as meshes: PLOT3D and CGNS with structured zones, written back with new nodes.
 
 Format: ``docs/theory/grid_files.rst``.
 """
@@ -32,10 +32,10 @@ __all__ = ["BlockMeshFile", "MarkedGrid", "open_blocks", "read_marked_grid"]
 
 
 PERIODIC = "periodic"
-"""Kind of markers, and what names of guessed patches begin with."""
+"""Kind of markers, and the beginning of names of guessed patches."""
 
 KIND_OF_MARKER = {OVERSET: "inner"}
-"""Kinds of markers by those of patches, where they differ: overset faces are inside the mesh, and move along."""
+"""Kinds of markers for kinds of patches, if they differ: overset faces are inside the mesh, and move along."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,16 +46,16 @@ class BlockMeshFile(OneLine):
     grid: Grid  # the grid of the file
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
-        """Write the file with other nodes, shape (n, 3), whole or not at all; all else in it stays."""
+        """Write the file with new nodes, shape (n, 3), whole or not at all; all else in it stays."""
         self.check_name(path)
         moved = self.grid.with_vector(self.mesh.nodes_of_file(points).ravel())
         topology = None
-        if isinstance(moved.dialect, CgnsDialect):  # no interface that the file does not declare is added
+        if isinstance(moved.dialect, CgnsDialect):  # no undeclared interface is added
             topology = replace(find_topology(self.grid), interfaces=())
         write_grid(path, moved, topology)
 
     def check_name(self, path: str | os.PathLike) -> None:
-        """Refuse a name that promises another format than that of the file."""
+        """Refuse a name of another format than the file's."""
         check_grid_name(path, self.grid)
         dialect, named = self.grid.dialect, format_of_name(Path(path))
         stored = "CGNS" if isinstance(dialect, CgnsDialect) else "PLOT3D"
@@ -65,16 +65,16 @@ class BlockMeshFile(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class MarkedGrid(OneLine):
-    """A grid of blocks as a mesh, and what its boundary is."""
+    """A grid of blocks as a mesh, with the kinds of its boundary."""
 
     mesh: MixedMesh  # the mesh, with patches and guessed patches as markers
-    kinds: dict[str, MarkerGuess]  # what each of them is
-    grid: Grid  # the grid, a plane one lifted to one cell
+    kinds: dict[str, MarkerGuess]  # their kinds
+    grid: Grid  # the grid, lifted to one cell if it is planar
     topology: Topology  # its topology
 
 
 def read_marked_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None) -> MarkedGrid:
-    """Read a grid of blocks as a mesh, with what its patches are; `InputError` if it cannot be used."""
+    """Read a grid of blocks as a mesh, with the kinds of its patches; `InputError` if it cannot be used."""
     grid = lift_plane_grid(read_grid(path))
     if patches is None:
         return marked_grid(grid)
@@ -84,9 +84,9 @@ def read_marked_grid(path: str | os.PathLike, patches: str | os.PathLike | None 
 def marked_grid(
     grid: Grid,
     topology: Topology | None = None,
-    are_declared: bool = False,  # whether somebody has declared its patches, so that kind other is no lack of words
+    are_declared: bool = False,  # whether its patches were declared, so that kind other is intended
 ) -> MarkedGrid:
-    """Take a grid, whose topology may be known, as a mesh: patches are markers, and what nobody declared is guessed."""
+    """Convert a grid to a mesh: patches become markers, and undeclared boundary is guessed."""
     topology = topology or find_topology(grid)
     guesses = guess_undeclared(grid, topology)
     names = {face.window: face.patch for face in topology.boundary if face.patch is not None}
@@ -116,7 +116,7 @@ def _periodic(grid: Grid, topology: Topology) -> dict[str, MarkerGuess]:
 
 
 def _guessed(guesses: tuple[FaceGuess, ...]) -> dict[str, MarkerGuess]:
-    """What guessed patches are, and how sure that is."""
+    """Guessed kinds of patches, and their certainty."""
     found = {}
     kinds = {guess.name: guess.kind for guess in guesses}
     for name, sure in zip(kinds, how_sure(guesses)):
@@ -126,7 +126,7 @@ def _guessed(guesses: tuple[FaceGuess, ...]) -> dict[str, MarkerGuess]:
 
 
 def open_blocks(path: str | os.PathLike, mesh: MixedMesh) -> BlockMeshFile:
-    """Open the file that a mesh of blocks was made of, to write moved nodes; `InputError` if it has changed."""
+    """Open the file of a mesh of blocks, to write moved nodes; `InputError` if it has changed."""
     grid = read_grid(path)
     numbers = mesh.numbers
     assert numbers is not None

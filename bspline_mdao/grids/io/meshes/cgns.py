@@ -1,6 +1,6 @@
-"""CGNS meshes in HDF5 with unstructured zones: elements, boundary conditions, nodes; written with other coordinates.
+"""CGNS meshes in HDF5 with unstructured zones: elements, boundary conditions, nodes; written with new coordinates.
 
-Nodes of several zones that coincide are one, so that they move alike.
+Nodes of several zones that coincide are one, so that they move together.
 
 Format: ``docs/theory/ride.rst``.
 """
@@ -52,7 +52,7 @@ FACES = {
 NODE = 2
 LINES = {NODE: 1, 3: 2, 4: 3, 24: 4, 40: 5}
 """Corners of cells and faces, which come first, and their nodes by CGNS's numbers of the elements of each degree; the
-nodes of what is no part of a boundary in three dimensions."""
+nodes of elements that are no part of a boundary in three dimensions."""
 
 CORNERS = {number: n for n, numbers in (*CELLS.values(), *FACES.values()) for number in numbers} | LINES
 NODES = {k: n for _, numbers in (*CELLS.values(), *FACES.values()) for k, n in numbers.items()} | LINES
@@ -61,8 +61,8 @@ KINDS = {
     for dimension, known in ((2, FACES), (3, CELLS))
 }
 MIXED = 20
-"""Corners and nodes of elements by their numbers, the kinds of cells by the dimension, and the number of sections of
-several kinds."""
+"""Corners and nodes of elements by their numbers, the kinds of cells by the dimension, and the number of mixed
+sections."""
 
 AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
@@ -74,11 +74,11 @@ class CgnsMeshFile(OneLine):
     mesh: MixedMesh  # the mesh
     path: str  # the file
     places: tuple[tuple[str, ...], ...]  # places of the coordinates of every zone in the file
-    numbers: np.ndarray  # (n_stored,) of int, node of the mesh that each node of the zones is, one zone after the other
-    layer: LayerPoints | None = None  # nodes of a file of two dimensions
+    numbers: np.ndarray  # (n_stored,) of int, node of the mesh for each node of the zones, zone after zone
+    layer: LayerPoints | None = None  # nodes of a two-dimensional file
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
-        """Write a copy of the file with other nodes, shape (n, 3), at the precision of the file."""
+        """Write a copy of the file with new nodes, shape (n, 3), at the precision of the file."""
         points = self.mesh.as_nodes(points)
         if self.layer is not None:
             points = self.layer.in_file(points)
@@ -96,20 +96,20 @@ class CgnsMeshFile(OneLine):
 
 
 def is_unstructured(path: str | os.PathLike) -> bool:
-    """Whether all zones of a CGNS file are unstructured; not where it has none, or cannot be read."""
+    """Whether all zones of a CGNS file are unstructured; False if it has none, or cannot be read."""
     try:
         with deferred_interrupts(), damaged_is_input_error(str(path)), opened_cgns(str(path)) as file:
             zones = [zone for _, base in children(file, "CGNSBase_t") for _, zone in children(base, "Zone_t")]
             kinds = [first_child(zone, "ZoneType_t") for zone in zones]
             return bool(kinds) and all(kind is not None and word(kind) == "Unstructured" for kind in kinds)
-    except InputError:  # what reads it as a grid says what is wrong
+    except InputError:  # the reader of grids reports what is wrong
         return False
 
 
 def read_cgns_mesh(
     path: str | os.PathLike,  # the file
-    span: SectionSpan | None = None,  # the two planes of a mesh of two dimensions; its own by default
-) -> CgnsMeshFile:  # of three dimensions, where the file has zones of three and of two
+    span: SectionSpan | None = None,  # the two planes of a two-dimensional mesh; its own by default
+) -> CgnsMeshFile:  # three-dimensional, if the file has zones of three and of two dimensions
     """Read the unstructured zones of a CGNS file, in HDF5 or ADF."""
     source = str(path)
     points: list[np.ndarray] = []
@@ -165,7 +165,7 @@ def read_cgns_mesh(
 
 
 def _conditions(zone: h5py.Group) -> list[tuple[str, str, h5py.Group]]:
-    """Name of every boundary condition of a zone, or of the family that it refers to, its own, and its node."""
+    """Name of every boundary condition of a zone, or of its family, its own name, and its node."""
     found = []
     for _, group in children(zone, "ZoneBC_t"):
         for name, condition in children(group, "BC_t"):
@@ -185,7 +185,7 @@ def _types(zone: h5py.Group, base: h5py.Group, families: Families) -> dict[str, 
 
 
 def _declared_sides(zone: h5py.Group) -> list[tuple[str, str, h5py.Group]]:
-    """Name, type and node of the connections of a zone whose faces are of the boundary: periodic and overset ones."""
+    """Name, type and node of the connections of a zone with faces on the boundary: periodic and overset ones."""
     found = []
     for name, node in connections_of(zone, "GridConnectivity_t"):
         if periodic_of(node) is not None:
@@ -225,15 +225,15 @@ class _Elements:
     """Elements of a zone."""
 
     cells: dict[str, np.ndarray]  # corners of the cells of each kind, from 0
-    faces: np.ndarray  # (n, 4) or (n, 2), corners of its faces; of two dimensions ends of lines
+    faces: np.ndarray  # (n, 4) or (n, 2), corners of its faces; in two dimensions ends of lines
     numbers: np.ndarray  # (n,), their numbers in the zone, ascending
-    # faces of each section that has some, as rows of `faces`; of polygons those of one cell alone
+    # faces of each section that has some, as rows of `faces`; polygons only if they belong to one cell
     sections: dict[str, np.ndarray]
-    # of int, faces of polyhedra, their cells and the polygons that they are, see `MixedMesh`
+    # of int, faces of polyhedra, their cells and polygons, see `MixedMesh`
     polyhedra: tuple[np.ndarray, np.ndarray, np.ndarray] | None
 
     def markers(self, zone: h5py.Group, names: Mapping[str, tuple[str, ...]]) -> dict[str, np.ndarray]:
-        """Faces of conditions by the names of their families, or else of sections; the others of declared sides."""
+        """Faces of conditions by the names of their families, or else of sections; further faces of declared sides."""
         found: dict[str, list[np.ndarray]] = {}
         for label, _, condition in _conditions(zone):
             rows = self._rows_of(condition)
@@ -251,7 +251,7 @@ class _Elements:
         return {name: self.faces[np.concatenate(parts)] for name, parts in found.items()}
 
     def _rows_of(self, condition: h5py.Group) -> np.ndarray:
-        """Faces of a condition: those that it lists, or all of whose corners it lists."""
+        """Faces of a condition: those that it lists, or whose corners it lists all."""
         children_of = dict(children(condition, "IndexRange_t") + children(condition, "IndexArray_t"))
         place = first_child(condition, "GridLocation_t")
         chosen = children_of.get("PointRange", children_of.get("ElementRange"))
@@ -312,7 +312,7 @@ def _elements(zone: h5py.Group, n_points: int, n_dimensions: int, what: str) -> 
     polyhedra = _polyhedra(lists, parents, what) if lists[NGON] else None
     n_cells = sum(map(len, joined.values())) + (0 if polyhedra is None else 1 + int(polyhedra[1].max(initial=-1)))
     n_announced = int(whole_numbers(zone)[1])
-    if n_announced not in (n_cells, n_elements):  # some programs count elements of the boundary as well
+    if n_announced not in (n_cells, n_elements):  # some programs also count boundary elements
         raise InputError(f"{what}: announces {n_announced:,} cells and holds {n_cells:,}; write it again")
     if polyhedra is not None:
         keys = face_keys(polyhedra[0], n_points)
@@ -323,7 +323,7 @@ def _elements(zone: h5py.Group, n_points: int, n_dimensions: int, what: str) -> 
 
 
 def _polyhedra(lists: dict[int, list[Lists]], parents: list, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Faces of polyhedra, their cells and polygons: as the cells tell or, without these, the polygons' parents."""
+    """Faces of polyhedra, their cells and polygons: from the cells or, without these, from the polygons' parents."""
     polygons = Polygons.of(Lists.joined(lists[NGON]), what)
     if lists[NFACE]:
         return polygons.of_cells(Lists.joined(lists[NFACE]), what)
@@ -340,7 +340,7 @@ def _parents(node: h5py.Group) -> np.ndarray:
 
 
 def _require_nodes(corners: np.ndarray, n_points: int, what: str) -> None:
-    """Refuse numbers that are of no node."""
+    """Refuse numbers of missing nodes."""
     if corners.size and not 1 <= corners.min() <= corners.max() <= n_points:
         raise InputError(f"{what}: has node {corners.max()} of {n_points:,}; write it again")
 
@@ -357,7 +357,7 @@ def _by_kind(
         return
     if kind != MIXED:
         raise InputError(f"{what}: has elements of kind {kind}; known are {', '.join(map(str, sorted(NODES)))}")
-    if not 0 <= n <= len(stored):  # before there is an array of as many
+    if not 0 <= n <= len(stored):  # before an array of that size is allocated
         raise InputError(f"{what}: announces {n:,} mixed elements of {len(stored):,} numbers; write it again")
     steps = np.zeros(max(NODES) + 1, dtype=np.int64)
     steps[list(NODES)] = np.array(list(NODES.values())) + 1
@@ -372,7 +372,7 @@ def _by_kind(
 
 @njit(cache=True)
 def _find_starts(stored, steps, starts):
-    """Write where each of mixed elements begins; False where they do not end with the numbers, or a kind is unknown."""
+    """Write the start of each mixed element; False if they do not end with the numbers, or a kind is unknown."""
     at = 0
     for element in range(len(starts)):
         if at >= len(stored) or not 0 <= stored[at] < len(steps) or steps[stored[at]] == 0:

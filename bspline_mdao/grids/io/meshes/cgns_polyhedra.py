@@ -1,7 +1,7 @@
 """Polyhedra of CGNS: polygons (NGON_n), and the cells that they bound (NFACE_n, or the polygons' parents).
 
-A list of polygons or cells is one array of numbers: with an array of where each begins, as CGNS 4 writes it, or with
-the length of each before it, as CGNS 3 did.
+A list of polygons or cells is one array of numbers: with an array of starts, as in CGNS 4, or with the length of each
+before it, as in CGNS 3.
 
 Format: CGNS Standard Interface Data Structures, section "Elements".
 """
@@ -30,14 +30,14 @@ class Lists:
     """Lists of numbers: corners of polygons, or polygons of cells."""
 
     numbers: np.ndarray  # (n,) of int, their numbers in the zone, from 1
-    values: np.ndarray  # (n_values,) of int, what is in them, one list after the other
-    sizes: np.ndarray  # (n,) of int, how many each has
+    values: np.ndarray  # (n_values,) of int, their entries in sequence
+    sizes: np.ndarray  # (n,) of int, number of entries of each
 
     @classmethod
     def read(cls, parts: Mapping[str, h5py.Group], low: int, high: int, what: str) -> Lists:
-        """Read the lists of a section with numbers from ``low`` to ``high`` by the nodes in it."""
+        """Read the lists of a section with numbers from ``low`` to ``high`` from its nodes."""
         stored, n = whole_numbers(parts["ElementConnectivity"]), high - low + 1
-        if not 0 <= n <= len(stored):  # before there is an array of as many
+        if not 0 <= n <= len(stored):  # before an array of that size is allocated
             raise InputError(f"{what}: announces {n:,} polygons or cells of {len(stored):,} numbers; write it again")
         if "ElementStartOffset" in parts:
             starts = whole_numbers(parts["ElementStartOffset"])
@@ -65,7 +65,7 @@ class Polygons:
 
     numbers: np.ndarray  # (n,) of int, numbers of the polygons in the zone, ascending
     quads: np.ndarray  # (n_quads, 4) of int, their pieces by nodes from 0, see `fans`
-    polygon: np.ndarray  # (n_quads,) of int, polygon that each piece is of, ascending
+    polygon: np.ndarray  # (n_quads,) of int, polygon of each piece, ascending
 
     @classmethod
     def of(cls, lists: Lists, what: str) -> Polygons:
@@ -76,8 +76,8 @@ class Polygons:
         return cls(lists.numbers, *fans(lists.values - 1, lists.sizes))
 
     def of_cells(self, cells: Lists, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pieces as seen from cells that list their polygons, the cells and the polygons that they are of, from 0."""
-        # The number of a polygon that looks into the cell is negative.
+        """Pieces as seen from cells that list their polygons, their cells and polygons, from 0."""
+        # The number of a polygon that faces into the cell is negative.
         numbers = np.abs(cells.values)
         rows = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
         is_known = self.numbers[rows] == numbers
@@ -89,7 +89,7 @@ class Polygons:
 
     def of_parents(self, parents: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pieces as seen from the cells on both sides of polygons, shape (2, n), these cells and polygons, from 0."""
-        # A polygon looks from the first to the second; 0 stands for none.
+        # A polygon faces from the first to the second; 0 stands for none.
         sides, rows = np.nonzero(parents)
         _, cells = np.unique(parents[sides, rows], return_inverse=True)
         return self._seen(rows, cells.ravel(), sides == 1)
@@ -108,7 +108,7 @@ class Polygons:
 
 @njit(cache=True)
 def _take_apart(stored, values, sizes):
-    """Take lengths and values apart; False where they do not end with the numbers."""
+    """Separate lengths and values; False if they do not end with the numbers."""
     at = n_values = 0
     for k in range(len(sizes)):
         if at >= len(stored) or stored[at] < 0 or stored[at] > len(stored) - at - 1:

@@ -25,7 +25,7 @@ _KEYWORD = re.compile(r"^[ \t]*((?:FFD|BSPLINE)_[A-Z_]+)[ \t]*=([^\n%]*)", re.M)
 _DIRECTIONS = "IJK"
 
 BEZIER, UNIFORM = "BEZIER", "BSPLINE_UNIFORM"
-"""What boxes blend their points by. Files of older versions do not say; theirs are Bezier volumes."""
+"""Kinds of blending functions. Older files do not name one; theirs are Bezier volumes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +34,11 @@ class FfdBox(OneLine):
 
     name: str  # its tag
     control_points: np.ndarray  # (n0, n1, n2, 3), m
-    orders: tuple[int, int, int]  # order in each direction, of evenly spaced knots
+    orders: tuple[int, int, int]  # order in each direction, with uniform knots
 
 
 def read_ffd_boxes(path: str | os.PathLike) -> tuple[FfdBox, ...]:
-    """Read the boxes of a file, in its order; none where it has none."""
+    """Read the boxes of a file, in order; none if it has none."""
     content, source = read_raw(path).decode(errors="replace"), str(path)
     starts = [match.start() for match in _TAG.finditer(content)]
     return tuple(_read_box(content[a:b], source) for a, b in zip(starts, [*starts[1:], len(content)]))
@@ -67,7 +67,7 @@ def _read_box(text: str, source: str) -> FfdBox:
         raise InputError(f"{what}: {n} control points for degrees {degrees}; write it again by SU2_DEF")
     points = np.empty((*shape, 3))
     points[tuple(places.T)] = lines[:, 3:]
-    if is_plane:  # between the planes that a mesh of two dimensions is read into
+    if is_plane:  # between the planes of a two-dimensional mesh
         points[..., 2] = [0.0, UNIT]
     return FfdBox(name, points, _orders(values, shape, what))
 
@@ -86,7 +86,7 @@ def _orders(values: dict[str, str], shape: list[int], what: str) -> tuple[int, i
 
 
 def _numbers(text: str, n: int, what: str) -> Iterator[list[float]]:
-    """Rows of six numbers behind a keyword."""
+    """Rows of six numbers after a keyword."""
     rows = text.split("\n", n + 1)[1 : n + 1]
     for number, row in enumerate(rows, 1):
         try:

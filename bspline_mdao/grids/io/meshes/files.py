@@ -1,6 +1,6 @@
 """Files of meshes by the names of their formats.
 
-To add a format, write its module beside the others and add a line to `FORMATS`. The table imports none of them: the
+To add a format, write its module next to the others and add a line to `FORMATS`. The table imports none of them: the
 help of the command line shows it.
 """
 
@@ -32,7 +32,7 @@ FORMATS = {
 """Reader of the files of each suffix, and of OpenFOAM's folder."""
 
 IN_PLANES = (".su2", ".cgns", ".msh", ".vtu")
-"""Formats that may be of two dimensions, whose readers take the two planes of a layer of cells as well."""
+"""Formats that may be two-dimensional, whose readers accept the two planes of a layer of cells as well."""
 
 
 class MeshFile(Protocol):
@@ -43,7 +43,7 @@ class MeshFile(Protocol):
         """The mesh."""
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
-        """Write the file with other nodes, shape (n, 3), whole or not at all; all else in it stays."""
+        """Write the file with new nodes, shape (n, 3), whole or not at all; all else in it stays."""
 
 
 def mesh_names() -> str:
@@ -60,15 +60,15 @@ def read_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> MeshF
     path : path-like
         The file, whose suffix gives the format, or OpenFOAM's folder ``polyMesh``.
     span : SectionSpan, optional
-        The two planes of a mesh of two dimensions (SU2, CGNS, Gmsh or VTK), which is taken as one layer of cells
-        between them: its first nodes are those of the file, and the others are copies of these. Those of a fitted
-        section are found by `section_span`. By default the first is the plane of the file, that of z = 0 where nodes
-        have two coordinates, and the other is a unit of length above it.
+        The two planes of a two-dimensional mesh (SU2, CGNS, Gmsh or VTK), which becomes one layer of cells between
+        them: its first nodes are the file's, and the others are copies of these. `section_span` finds the planes of a
+        fitted section. By default the first is the plane of the file, z = 0 for nodes with two coordinates, and the
+        other is one unit of length above it.
 
     Returns
     -------
     MeshFile
-        With the ``mesh``, and ``write(path, points)`` that writes the file with other nodes.
+        With the ``mesh``, and ``write(path, points)``, which writes the file with new nodes.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def read_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> MeshF
 
 
 def is_mesh(path: str | os.PathLike) -> bool:
-    """Whether a path is a mesh without structure: CGNS by what is in the file, others by their names."""
+    """Whether a path is an unstructured mesh: CGNS by the content of the file, others by name."""
     suffix = POLYMESH if Path(path).name == POLYMESH else Path(path).suffix.lower()
     if suffix != ".cgns":
         return suffix in FORMATS
@@ -103,7 +103,7 @@ def is_mesh(path: str | os.PathLike) -> bool:
 
 
 def check_same_format(path: str | os.PathLike, output: str | os.PathLike) -> None:
-    """Refuse to write a mesh in another format than it is read from."""
+    """Refuse to write a mesh in another format than its own."""
     if _suffix(path) != _suffix(output):
         raise InputError(f"{output}: the mesh is written as it is read, as {_suffix(path)}; name it so")
 

@@ -1,7 +1,7 @@
-"""Lists in OpenFOAM's files, in ASCII or binary, perhaps compressed: whole numbers, faces and points.
+"""Lists in OpenFOAM's files, in ASCII or binary, possibly compressed: whole numbers, faces and points.
 
-In binary a list is its length in ASCII and, between brackets, the bytes of its numbers, whose sizes and order the head
-tells (``arch "LSB;label=32;scalar=64"``). Faces are then two lists: where each begins, and their corners.
+In binary a list is its length in ASCII and, between brackets, the bytes of its numbers, whose sizes and order the
+header gives (``arch "LSB;label=32;scalar=64"``). Faces are then two lists: their starts, and their corners.
 
 Format: ``docs/theory/ride.rst``.
 """
@@ -23,10 +23,10 @@ from .text_numbers import TextPoints, blanked, integers, words_of
 __all__ = ["FoamFile"]
 
 ARCH = "LSB;label=32;scalar=64"
-"""Byte order, and bits of whole numbers and reals, of files that do not tell."""
+"""Byte order, and bits of whole numbers and reals, of files that do not state them."""
 
 COMPACT = "faceCompactList"
-"""Class of faces that are two lists."""
+"""Class of faces stored as two lists."""
 
 _HEAD = re.compile(rb"FoamFile\s*\{(.*?)\}", re.S)
 _ENTRY = re.compile(r"(\w+)\s+(\"[^\"]*\"|[^\s;]+)\s*;")
@@ -38,15 +38,15 @@ _BRACKETS = bytes.maketrans(b"()", b"  ")
 
 @dataclass(frozen=True, eq=False)
 class FoamFile:
-    """A file of OpenFOAM that holds a list."""
+    """A file of OpenFOAM with a list."""
 
-    path: Path  # the file, with the suffix ``.gz`` if there is one
+    path: Path  # the file, with the suffix ``.gz`` if it has one
     data: bytes  # its content, decompressed
     is_compressed: bool  # whether it was compressed
 
     @classmethod
     def read(cls, folder: Path, name: str) -> FoamFile:
-        """Read a file of a folder, or the compressed one where it is missing."""
+        """Read a file of a folder, or the compressed one if it is missing."""
         path, packed = folder / name, folder / f"{name}.gz"
         path = packed if packed.is_file() and not path.is_file() else path
         data, compression, _ = read_bytes(path)
@@ -54,7 +54,7 @@ class FoamFile:
 
     @cached_property
     def head(self) -> dict[str, str]:
-        """Entries of its head."""
+        """Entries of its header."""
         found = _HEAD.match(self.data, self._behind_gaps(0))
         entries = _ENTRY.findall(_COMMENTS.sub(b"", found[1]).decode(errors="replace")) if found else []
         return {name: value.strip('"') for name, value in entries}
@@ -71,7 +71,7 @@ class FoamFile:
         return values
 
     def faces(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of all faces one after the other, and how many each has."""
+        """Corners of all faces in sequence, and the number of corners of each."""
         if self.head.get("class") == COMPACT:
             starts, end = self._labels(self._start)
             corners, end = self._labels(end)
@@ -102,7 +102,7 @@ class FoamFile:
         return numbers[is_corner], sizes
 
     def points(self) -> StoredPoints:
-        """Points of the list, in ASCII each on a line of its own."""
+        """Points of the list, in ASCII one per line."""
         n, start, _ = self._list(self._start)
         if self.is_binary:
             kind = self._kind("scalar")
@@ -118,9 +118,9 @@ class FoamFile:
         return points
 
     def dictionaries(self) -> tuple[str, int | None]:
-        """What is behind the bracket of a list of dictionaries, without comments, in ASCII always, and their number.
+        """Text after the opening bracket of a list of dictionaries (always ASCII), without comments, and their number.
 
-        The number is None where the file has none, as OpenFOAM allows of lists that people write.
+        The number is None if the file has none, as OpenFOAM allows in lists written by hand.
         """
         at = self._behind_gaps(self._start)
         n, start = (None, at + 1) if self.data[at : at + 1] == b"(" else self._list(at)[:2]
@@ -128,23 +128,23 @@ class FoamFile:
 
     @property
     def _start(self) -> int:
-        """Byte behind the head."""
+        """Byte after the header."""
         found = _HEAD.match(self.data, self._behind_gaps(0))
         return found.end() if found else 0
 
     def _behind_gaps(self, at: int) -> int:
-        """Byte behind the blanks and comments at a place."""
+        """Byte after the blanks and comments at a place."""
         while gap := _GAP.match(self.data, at):
             at = gap.end()
         return at
 
     def _require_end(self, at: int) -> None:
-        """Refuse text at a place, behind a list."""
+        """Refuse text at a place, after a list."""
         if self._behind_gaps(at) < len(self.data):
             raise InputError(f"{self.path}: has other text behind its list; write it again")
 
     def _list(self, at: int) -> tuple[int, int, bool]:
-        """Length of the list at a place, the byte behind its opening bracket, and whether it has one."""
+        """Length of the list at a place, the byte after its opening bracket, and whether it has one."""
         found = _LIST.match(self.data, self._behind_gaps(at))
         if not found or (not found[2] and int(found[1])):
             raise InputError(f"{self.path}: holds no list; write it again")
@@ -154,7 +154,7 @@ class FoamFile:
         return n, found.end(), bool(found[2])
 
     def _labels(self, at: int) -> tuple[np.ndarray, int]:
-        """Whole numbers of the list at a place, and the byte behind it."""
+        """Whole numbers of the list at a place, and the byte after it."""
         n, start, has_bracket = self._list(at)
         if not has_bracket:
             return np.zeros(0, dtype=np.int64), start
@@ -168,7 +168,7 @@ class FoamFile:
         return integers(body, n, str(self.path)), start + len(body) + 1
 
     def _end_of_binary(self, start: int, size: int) -> int:
-        """Byte behind the closing bracket of numbers in binary."""
+        """Byte after the closing bracket of numbers in binary."""
         if self.data[start + size : start + size + 1] != b")":
             raise InputError(
                 f"{self.path}: is binary, and its numbers do not end where '{self.head.get('arch', ARCH)}' says; write "
@@ -193,7 +193,7 @@ class _BinaryPoints:
     """Points in binary."""
 
     data: bytes  # the whole file
-    # start, n: first byte of the points, and how many there are
+    # start, n: first byte of the points, and their number
     start: int
     n: int
     kind: np.dtype  # type of their coordinates
@@ -204,6 +204,6 @@ class _BinaryPoints:
         return np.frombuffer(self.data, self.kind, 3 * self.n, self.start).reshape(-1, 3).astype(float)
 
     def replaced(self, values: np.ndarray) -> bytes:
-        """Return the file with other points, shape (n, 3), at its precision."""
+        """Return the file with new points, shape (n, 3), at its precision."""
         end = self.start + 3 * self.n * self.kind.itemsize
         return self.data[: self.start] + np.ascontiguousarray(values, self.kind).tobytes() + self.data[end:]

@@ -1,4 +1,4 @@
-"""Elements of Gmsh's files, format 2.2 and 4.1, in ASCII and binary, and the physical groups that they are of.
+"""Elements of Gmsh's files, format 2.2 and 4.1, in ASCII and binary, and their physical groups.
 
 Format: the reference manual of Gmsh, section "Gmsh file formats".
 """
@@ -32,7 +32,7 @@ KINDS["hexahedron"][2].update({17: 20, 99: 32, 100: 44, 101: 56, 102: 68, 103: 8
 KINDS["wedge"][2].update({18: 15})
 KINDS["pyramid"][2].update({19: 13, 125: 21, 126: 29, 127: 37, 128: 45, 129: 53, 130: 61, 131: 69})
 """Dimension and corners of elements, which come first, and the nodes of each of Gmsh's types of them: of degree 1, 2
-and so on, and those without nodes inside."""
+and so on, and types without inner nodes."""
 
 NODES = {number: n for _, _, numbers in KINDS.values() for number, n in numbers.items()}
 OF_TYPE = {number: (kind, dimension, n) for kind, (dimension, n, numbers) in KINDS.items() for number in numbers}
@@ -46,12 +46,12 @@ class Block:
 
     kind: str  # their kind, see `KINDS`
     dimension: int  # its dimension
-    corners: np.ndarray  # (n, n_corners) of int, numbers of their corners as the file numbers nodes
+    corners: np.ndarray  # (n, n_corners) of int, numbers of their corners as in the file
     groups: np.ndarray  # (n, n_groups) of int, physical groups of each; 0 for none
 
     @classmethod
     def of(cls, number: int, nodes: np.ndarray, groups: np.ndarray) -> Block:
-        """Take the corners of elements of a type by all their nodes."""
+        """Take the corners of elements of a type from all their nodes."""
         kind, dimension, n_corners = OF_TYPE[number]
         return cls(kind, dimension, nodes[:, :n_corners], np.abs(groups))
 
@@ -84,14 +84,14 @@ def physical_names(file: GmshFile) -> dict[tuple[int, int], str]:
 
 
 def _nodes_of(number: int) -> int:
-    """Nodes of an element of a type."""
+    """Number of nodes of an element of a type."""
     if number not in NODES:
         raise ValueError(f"elements of type {number}, which is not known")
     return NODES[number]
 
 
 def _by_entity(file: GmshFile) -> list[Block]:
-    """Elements of version 4.1, of one entity after the other."""
+    """Elements of version 4.1, entity after entity."""
     groups, numbers = _groups_of_entities(file), file.numbers("Elements")
     n_entities, n_elements, _, _ = numbers.take("size", 4).tolist()
     blocks = []
@@ -111,7 +111,7 @@ def _by_entity(file: GmshFile) -> list[Block]:
 
 
 def _groups_of_entities(file: GmshFile) -> dict[tuple[int, int], list[int]] | None:
-    """Physical groups of every entity by its dimension and number; None where there are no entities."""
+    """Physical groups of every entity by its dimension and number; None if there are no entities."""
     if "Entities" not in file.sections:
         return None
     numbers, groups = file.numbers("Entities"), {}
@@ -127,7 +127,7 @@ def _groups_of_entities(file: GmshFile) -> dict[tuple[int, int], list[int]] | No
 
 
 def _old_binary(numbers: BinaryNumbers, n: int) -> list[Block]:
-    """Elements of version 2.2, of one type after the other."""
+    """Elements of version 2.2, type after type."""
     blocks: list[Block] = []
     n_found = 0
     while n_found < n:
@@ -143,7 +143,7 @@ def _old_binary(numbers: BinaryNumbers, n: int) -> list[Block]:
 
 
 def _old_text(file: GmshFile, span: tuple[int, int]) -> list[Block]:
-    """Elements of version 2.2, one in each line, type after type."""
+    """Elements of version 2.2, one per line, type after type."""
     numbers, starts = integers_by_line(file.data[slice(*span)], file.source)
     starts, sizes = starts[:-1], np.diff(starts)
     if (sizes < 4).any():

@@ -1,4 +1,4 @@
-"""Nodes of Gmsh's files, format 2.2 and 4.1, in ASCII and binary: found, and replaced in their places.
+"""Nodes of Gmsh's files, format 2.2 and 4.1, in ASCII and binary: found, and replaced in place.
 
 Format: the reference manual of Gmsh, section "Gmsh file formats".
 """
@@ -21,7 +21,7 @@ class _BinaryNodes:
     """Nodes in binary."""
 
     data: bytes  # the whole file
-    # first byte of the nodes of each part, how many there are, and the bytes from one to the next
+    # first byte of the nodes of each part, their number, and the bytes from one to the next
     parts: tuple[tuple[int, int, int], ...]
 
     @property
@@ -30,7 +30,7 @@ class _BinaryNodes:
         return np.concatenate([np.zeros((0, 3)), *(self._view(self.data, *part) for part in self.parts)])
 
     def replaced(self, values: np.ndarray) -> bytes:
-        """Return the file with other nodes, shape (n, 3)."""
+        """Return the file with new nodes, shape (n, 3)."""
         new, first = bytearray(self.data), 0
         for start, n, step in self.parts:
             self._view(new, start, n, step)[:] = values[first : first + n]
@@ -76,7 +76,7 @@ def _old_text(file: GmshFile) -> tuple[StoredPoints, np.ndarray]:
 
 
 def _by_entity(file: GmshFile) -> tuple[StoredPoints, np.ndarray]:
-    """Nodes of version 4.1, of one entity after the other: numbers, then reals, with parameters behind them."""
+    """Nodes of version 4.1, entity after entity: numbers, then reals, followed by parameters."""
     numbers = file.numbers("Nodes")
     n_entities, n_nodes, _, _ = numbers.take("size", 4).tolist()
     tags, parts, spans = [np.zeros(0, dtype=np.int64)], [], [np.zeros((0, 3, 2), dtype=np.int64)]

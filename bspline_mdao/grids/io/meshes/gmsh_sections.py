@@ -1,4 +1,4 @@
-"""Sections of Gmsh's files, and the numbers in them, in ASCII or binary: never more than the section holds.
+"""Sections of Gmsh's files, and the numbers in them, in ASCII or binary: never more than the section contains.
 
 Format: the reference manual of Gmsh, section "Gmsh file formats".
 """
@@ -23,12 +23,12 @@ KINDS = {"int": "<i4", "size": "<u8", "real": "<f8"}
 
 
 class BinaryNumbers:
-    """Numbers of a section in binary, taken one after the other."""
+    """Numbers of a section in binary, taken in sequence."""
 
     def __init__(
         self,
         file: GmshFile,  # the file
-        at: int,  # at, stop: first byte of the section and the one behind it
+        at: int,  # at, stop: first byte of the section and the one after it
         stop: int,
     ) -> None:
         self.data, self.at, self.stop = file.data, at, stop
@@ -41,7 +41,7 @@ class BinaryNumbers:
         return found if kind == "real" else found.astype(np.int64)
 
     def skip(self, n: int, size: int) -> int:
-        """Pass over ``n`` things of ``size`` bytes, and give the first byte; ValueError if there are fewer."""
+        """Skip ``n`` items of ``size`` bytes, and return the first byte; ValueError if there are fewer."""
         if not 0 <= n * size <= self.stop - self.at:
             raise ValueError(f"it announces {n} numbers and ends before")
         first = self.at
@@ -55,12 +55,12 @@ class BinaryNumbers:
 
 
 class TextNumbers:
-    """Numbers of a section in ASCII, taken one after the other."""
+    """Numbers of a section in ASCII, taken in sequence."""
 
     def __init__(
         self,
         file: GmshFile,  # the file
-        start: int,  # start, stop: first byte of the section and the one behind it
+        start: int,  # start, stop: first byte of the section and the one after it
         stop: int,
     ) -> None:
         self.data, self.at = file.data, 0
@@ -78,7 +78,7 @@ class TextNumbers:
         return np.array(words).astype(float) if kind == "real" else np.array(words, dtype=np.int64)
 
     def places(self, n: int) -> np.ndarray:
-        """Pass over ``n`` numbers, and give the first byte of each and the one behind it, shape (n, 2)."""
+        """Skip ``n`` numbers, and return the first byte of each and the one after it, shape (n, 2)."""
         if not 0 <= n <= len(self.spans) - self.at:
             raise ValueError(f"it announces {n} numbers and ends before")
         self.at += n
@@ -98,11 +98,11 @@ class GmshFile:
     source: str  # its name, for messages
     is_old: bool  # whether it is of version 2.2, not 4.1
     is_binary: bool  # whether it is in binary
-    sections: dict[str, tuple[int, int]]  # first byte behind the name of each section, and that of its end
+    sections: dict[str, tuple[int, int]]  # first byte after the name of each section, and the byte of its end
 
     @classmethod
     def of(cls, data: bytes, source: str) -> GmshFile:
-        """Find the sections: what is in one of them, such as ``$Comments``, begins none."""
+        """Find the sections; text inside a section, such as ``$Comments``, does not start another."""
         sections: dict[str, tuple[int, int]] = {}
         at = 0
         while begin := _BEGIN.match(data, at):
@@ -135,7 +135,7 @@ class GmshFile:
         return (BinaryNumbers if self.is_binary else TextNumbers)(self, *self.sections[name])
 
     def counted(self, name: str) -> tuple[int, int]:
-        """Number in the first line of a section, and the byte behind that; ValueError if there is none."""
+        """Number in the first line of a section, and the byte after it; ValueError if there is none."""
         start, stop = self.sections[name]
         line, newline, _ = self.data[start:stop].partition(b"\n")
         n = int(line[:LONGEST])

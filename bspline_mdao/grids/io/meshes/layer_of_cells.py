@@ -1,11 +1,11 @@
-"""Meshes of two dimensions, taken as one layer of cells between the two planes of a section.
+"""Two-dimensional meshes, taken as one layer of cells between the two planes of a section.
 
-Triangles become wedges, quads hexahedra, and lines of markers quads. Every node is there twice: first all those in the
-lower plane, in the order of the file, then those in the upper one. A section moves alike in both planes, so that either
-copy says where a node of the file is.
+Triangles become wedges, quads hexahedra, and lines of markers quads. Every node occurs twice: first all nodes in the
+lower plane, in the order of the file, then the nodes in the upper one. A section moves equally in both planes, so
+either copy gives the place of a node of the file.
 
-A mesh that is taken by itself lies between the plane of the file and one that is a unit of length above it: volumes of
-its cells are then areas, and forces are those of a unit of span, as solvers of two dimensions give them.
+A mesh without a section lies between the plane of the file and another plane one unit of length above it: volumes of
+its cells are then areas, and forces are per unit span, as two-dimensional solvers give them.
 
 Format: ``docs/theory/ride.rst``.
 """
@@ -31,16 +31,16 @@ PRISMS = {"triangle": "wedge", "quad": "hexahedron"}
 """Cell between the copies of an element in the two planes."""
 
 ALIKE = 1e-6
-"""Part of the size of a mesh by which the two copies of a node may come apart: less than any cell is wide, and more
-than what systems solved to single precision leave."""
+"""Distance of the two copies of a node, relative to the size of a mesh, that is tolerated: less than the width of any
+cell, and more than the error of systems solved to single precision."""
 
 
 FLAT = 1e-9
-"""Part of the size of a mesh up to which the third coordinate of its nodes may differ: programs that turn a plane leave
-roundings in it."""
+"""Variation of the third coordinate of the nodes, relative to the size of a mesh, that is tolerated: programs that
+rotate a plane leave rounding errors in it."""
 
 UNIT = 1.0
-"""Distance of the two planes of a mesh that is taken by itself, in the unit of its file."""
+"""Distance of the two planes of a mesh without a section, in the unit of its file."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class SectionSpan(OneLine):
     Parameters
     ----------
     axis : int
-        Axis across them: 0, 1 or 2 for x, y or z.
+        Axis normal to them: 0, 1 or 2 for x, y or z.
     low, high : float
         Their coordinates (m).
 
@@ -70,23 +70,23 @@ class SectionSpan(OneLine):
 
     @property
     def in_plane(self) -> tuple[int, int]:
-        """Axes of the planes, in their order: those of the two coordinates of a node of the file."""
+        """Axes of the planes, in the order of the two coordinates of a node of the file."""
         first, second = (axis for axis in range(3) if axis != self.axis)
         return first, second
 
 
 @dataclass(frozen=True, eq=False)
 class LayerPoints(OneLine):
-    """Nodes of a file of two dimensions, in both planes."""
+    """Nodes of a two-dimensional file, in both planes."""
 
     stored: np.ndarray  # (n, 2) or (n, 3), nodes of the file
-    axes: tuple[int, int]  # the two coordinates of them that lie in the planes
+    axes: tuple[int, int]  # their two coordinates in the planes
     span: SectionSpan  # the planes
     source: str  # name of the file, for messages
 
     @classmethod
     def of(cls, stored: np.ndarray, span: SectionSpan | None, source: str) -> LayerPoints:
-        """Find the coordinates that lie in the planes: both, or of three those but the one that is alike in all."""
+        """Find the coordinates in the planes: both, or all of three but the one that is constant."""
         is_bad = ~np.isfinite(stored).all(axis=1)
         if is_bad.any():
             node = int(np.argmax(is_bad))
@@ -116,7 +116,7 @@ class LayerPoints(OneLine):
         return points
 
     def in_file(self, values: np.ndarray) -> np.ndarray:
-        """Give other nodes, shape (2 n, 3), as the file has them: those in the lower plane."""
+        """Return new nodes, shape (2 n, 3), in the form of the file: those in the lower plane."""
         values = np.asarray(values, dtype=float)
         low, high = (half[:, self.span.in_plane] for half in np.split(values, 2))
         apart = np.linalg.norm(high - low, axis=1)
@@ -135,9 +135,9 @@ class LayerPoints(OneLine):
         self,
         cells: Mapping[str, np.ndarray],
         lines: Mapping[str, np.ndarray],
-        stated: Mapping[str, str] | None = None,  # what the file says that its markers are
+        stated: Mapping[str, str] | None = None,  # what the file says about its markers
     ) -> MixedMesh:
-        """Make the layer of cells of triangles and quads, and of its markers, which are lines, shape (m, 2)."""
+        """Make the layer of cells from triangles and quads, and from its markers, which are lines, shape (m, 2)."""
         n = len(self.stored)
         for name, corners in cells.items():
             require_corners(corners, corners.shape[1], n, f"{self.source}: cells '{name}'")
@@ -148,10 +148,10 @@ class LayerPoints(OneLine):
 
 
 def _turned_alike(points: np.ndarray, cells: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Turn cells of a plane so that all parts of the mesh go round one way, that of the largest.
+    """Turn cells of a plane so that all parts of the mesh have the orientation of the largest.
 
-    Surfaces of Gmsh and zones go round as they were made. A part is of cells that pass their common edges in opposite
-    directions: a folded cell does so as well, and stays folded.
+    Surfaces of Gmsh and zones have arbitrary orientations. A part consists of cells that traverse their common edges in
+    opposite directions: a folded cell does so as well, and stays folded.
     """
     edges = [np.stack([corners, np.roll(corners, -1, axis=1)], axis=2) for corners in cells.values()]
     n_cells = sum(map(len, edges))
@@ -165,7 +165,7 @@ def _turned_alike(points: np.ndarray, cells: Mapping[str, np.ndarray]) -> dict[s
     is_joint = (ends[1:] == ends[:-1, ::-1]).all(axis=1)
     graph = coo_matrix((np.ones(is_joint.sum()), (owners[1:][is_joint], owners[:-1][is_joint])), (n_cells, n_cells))
     n_parts, part = connected_components(graph, directed=False)
-    areas, unit = [], max(np.abs(points).max(initial=0.0), np.finfo(float).tiny)  # whatever the unit, none overflows
+    areas, unit = [], max(np.abs(points).max(initial=0.0), np.finfo(float).tiny)  # no overflow in any unit
     for corners in cells.values():
         x, y = (points[corners] / unit).transpose(2, 0, 1)
         areas.append(np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1))
@@ -181,7 +181,7 @@ def _turned_alike(points: np.ndarray, cells: Mapping[str, np.ndarray]) -> dict[s
 
 @dataclass(frozen=True, eq=False)
 class _PointsTwice:
-    """Nodes in the bytes of a file of two dimensions, and in both planes."""
+    """Nodes in the bytes of a two-dimensional file, and in both planes."""
 
     stored: StoredPoints
     layer: LayerPoints
@@ -192,20 +192,20 @@ class _PointsTwice:
         return self.layer.values
 
     def replaced(self, values: np.ndarray) -> bytes:
-        """Return the bytes with other nodes, shape (2 n, 3)."""
+        """Return the bytes with new nodes, shape (2 n, 3)."""
         return self.stored.replaced(self.layer.in_file(values))
 
 
 def layer_of_cells(
-    # its nodes in the bytes of its file, shape (n, 2), or (n, 3) with one coordinate alike in all
+    # its nodes in the bytes of its file, shape (n, 2), or (n, 3) with one constant coordinate
     stored: StoredPoints,
     cells: Mapping[str, np.ndarray],  # of int, corners of its triangles and quads
     # mapping of str to ndarray of int, each of shape (m, 2) of int, ends of the lines of its markers
     lines: Mapping[str, np.ndarray],
-    span: SectionSpan | None,  # the planes; None takes the mesh by itself
+    span: SectionSpan | None,  # the planes; None if there is no section
     source: str,  # name of the file, for messages
 ) -> StoredMesh:
-    """Make the layer of cells of a mesh of two dimensions."""
+    """Make the layer of cells of a two-dimensional mesh."""
     layer = LayerPoints.of(stored.values, span, source)
     return StoredMesh(layer.mesh(cells, lines), _PointsTwice(stored, layer))
 
@@ -215,14 +215,14 @@ Elements = Mapping[str, np.ndarray]
 
 def volume_or_layer(
     stored: StoredPoints,  # nodes in the bytes of the file
-    # volume, plane: of int, corners of cells by kind, and of the elements of markers by name: faces, shape (m, 4), of a
-    # volume, and lines, shape (m, 2), of a plane
+    # volume, plane: of int, corners of cells by kind, and of the elements of markers by name: faces, shape (m, 4), for
+    # a volume, and lines, shape (m, 2), for a plane
     volume: tuple[Elements, Elements],
     plane: tuple[Elements, Elements],
-    span: SectionSpan | None,  # the planes of the section; None takes a plane by itself
+    span: SectionSpan | None,  # the planes of the section; None for a plane without one
     source: str,  # name of the file, for messages
 ) -> StoredMesh:
-    """Make the mesh of the cells of a volume or, where there are none, the layer of those of a plane."""
+    """Make the mesh of the cells of a volume or, if there are none, the layer of the cells of a plane."""
     if volume[0]:
         return StoredMesh(MixedMesh(stored.values, volume[0], volume[1], source=source), stored)
     if plane[0]:

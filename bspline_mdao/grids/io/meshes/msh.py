@@ -1,4 +1,4 @@
-"""Gmsh's meshes (.msh): nodes, elements and physical groups; written back with other nodes in their places.
+"""Gmsh's meshes (.msh): nodes, elements and physical groups; written back with new nodes in place.
 
 Format: ``docs/theory/ride.rst``.
 """
@@ -24,8 +24,8 @@ __all__ = ["read_msh"]
 
 def read_msh(
     path: str | os.PathLike,  # the file
-    span: SectionSpan | None = None,  # the two planes of a mesh of two dimensions; its own by default
-) -> StoredMesh:  # its markers are physical surfaces, of two dimensions physical lines
+    span: SectionSpan | None = None,  # the two planes of a two-dimensional mesh; its own by default
+) -> StoredMesh:  # its markers are physical surfaces, in two dimensions physical lines
     """Read a mesh of Gmsh, format 2.2 or 4.1, in ASCII or binary."""
     file = GmshFile.of(read_raw(path), str(path))
     try:
@@ -43,7 +43,7 @@ def read_msh(
 
 
 def _with_rows(block: Block, tags: np.ndarray) -> Block:
-    """A block whose corners are nodes from 0, by the numbers of these; ValueError if one has none."""
+    """A block with corners as nodes from 0, by their numbers; ValueError if a number is unknown."""
     order = np.argsort(tags, kind="stable")
     rows = np.searchsorted(tags, block.corners, sorter=order)
     is_known = rows < len(tags)
@@ -63,7 +63,7 @@ def _cells(blocks: list[Block], dimension: int) -> dict[str, np.ndarray]:
 
 
 def _markers(blocks: list[Block], names: dict[tuple[int, int], str], dimension: int) -> dict[str, np.ndarray]:
-    """Elements of the physical groups of a dimension by their names, or numbers where they have none."""
+    """Elements of the physical groups of a dimension by name, or number if they have none."""
     found: dict[str, list[np.ndarray]] = {}
     for block in blocks:
         if block.dimension != dimension:

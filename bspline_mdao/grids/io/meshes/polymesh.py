@@ -1,4 +1,4 @@
-"""OpenFOAM's ``polyMesh``: points, faces, owner, neighbour and boundary; written with other points.
+"""OpenFOAM's ``polyMesh``: points, faces, owner, neighbour and boundary; written with new points.
 
 Format: ``docs/theory/ride.rst``.
 """
@@ -24,7 +24,7 @@ from .stored_mesh import StoredPoints
 __all__ = ["PolyMeshFolder", "patches_of", "read_polymesh"]
 
 LEVEL = 6
-"""How much is compressed: as OpenFOAM does, zlib's default."""
+"""Compression level: zlib's default, as in OpenFOAM."""
 
 _PATCH = re.compile(r"([^\s{}();]+)\s*\{([^{}]*)\}")
 
@@ -38,7 +38,7 @@ class PolyMeshFolder(OneLine):
     stored: StoredPoints  # this file, with the places of the coordinates
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
-        """Write the folder with other nodes, shape (n, 3), in the format of its file; all else in it is copied."""
+        """Write the folder with new nodes, shape (n, 3), in the format of its file; all else in it is copied."""
         target, data = self.file.path, self.stored.replaced(self.mesh.as_nodes(points))
         stays, twin = data == self.file.data, {"points": "points.gz", "points.gz": "points"}[target.name]
         if (Path(path) / twin).is_file():
@@ -66,7 +66,7 @@ def read_polymesh(
     stored = files["points"].points()
     points, (corners, sizes) = stored.values, files["faces"].faces()
     owner, neighbour = files["owner"].labels(), files["neighbour"].labels()
-    neighbour = neighbour[: len(np.trim_zeros(neighbour + 1, "b"))]  # older meshes list -1 for faces that have none
+    neighbour = neighbour[: len(np.trim_zeros(neighbour + 1, "b"))]  # older meshes list -1 for boundary faces
     if len(owner) != len(sizes) or len(neighbour) > len(owner):
         raise InputError(f"{path}: has {len(sizes):,} faces and {len(owner):,} owners; write it again")
     if (sizes < 3).any():
@@ -87,7 +87,7 @@ def read_polymesh(
 
 
 def patches_of(file: FoamFile, n_faces: int) -> list[tuple[str, str, int, int]]:
-    """Name, type, first face and number of faces of every patch; the type is empty where it has none."""
+    """Name, type, first face and number of faces of every patch; the type is empty if it has none."""
     text, n_patches = file.dictionaries()
     found: list[tuple[str, str, int, int]] = []
     for match in _PATCH.finditer(text):

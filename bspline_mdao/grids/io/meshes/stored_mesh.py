@@ -1,4 +1,4 @@
-"""Meshes whose nodes have places in the bytes of one file: other nodes take these places, and all else stays.
+"""Meshes whose nodes have places in the bytes of one file: new nodes take these places, and all else stays.
 
 Format: ``docs/theory/ride.rst``.
 """
@@ -27,7 +27,7 @@ class StoredPoints(Protocol):
         """The nodes, shape (n, 3)."""
 
     def replaced(self, values: np.ndarray) -> bytes:
-        """Return the bytes with other nodes."""
+        """Return the bytes with new nodes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class StoredMesh(OneLine):
     stored: StoredPoints  # the file, with the places of the nodes
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
-        """Write the file with other nodes, shape (n, 3); all else stays, to the last byte."""
+        """Write the file with new nodes, shape (n, 3); all else stays, to the last byte."""
         points = self.mesh.as_nodes(points)
         with replaced_file(path) as temporary:
             Path(temporary).write_bytes(self.stored.replaced(points))

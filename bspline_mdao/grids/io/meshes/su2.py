@@ -1,7 +1,7 @@
-"""SU2 meshes: elements, markers and nodes; written back with other coordinates in their places.
+"""SU2 meshes: elements, markers and nodes; written back with new coordinates in place.
 
-A file may have several zones, each behind ``IZONE=`` with nodes of its own, counted from 0. They are one mesh, in which
-the nodes of a zone follow those of the zone before; markers of one name are one marker.
+A file may have several zones, each after ``IZONE=`` with its own nodes, counted from 0. They form one mesh, in which
+the nodes of a zone follow the nodes of the previous zone; markers of the same name are one marker.
 
 Format: ``docs/theory/ride.rst``.
 """
@@ -34,24 +34,24 @@ FACES = {2: {3: 2}, 3: {5: 3, 9: 4}}
 """VTK's numbers of cells and faces in two and three dimensions, and their corners."""
 
 VERTEX = 1
-"""VTK's number of a node by itself, of which markers between the parts of a mesh are: it is no face."""
+"""VTK's number of a single node, which occurs in markers between the parts of a mesh: it is not a face."""
 
 MOST_NUMBERS = 2
-"""Numbers of a node that may be behind its coordinates: its own and, in files that older versions divided, that of all
-parts together."""
+"""Largest number of integers after the coordinates of a node: its own number and, in files that older versions divided,
+its number in the whole mesh."""
 
 NO_BOUNDARY = "SEND_RECEIVE"
-"""Name of the markers, as many as there are, that older versions wrote where parts or periodic sides meet: of nodes."""
+"""Name of the markers of nodes that older versions wrote, as many as there are, where parts or periodic sides meet."""
 
 ONCE = ("NDIME", "NELEM", "NPOIN", "NMARK")
-"""Keywords that a zone has once."""
+"""Keywords that occur once in a zone."""
 
 _COMMENTS = re.compile(rb"%[^\n]*")
 _KEYWORD = re.compile(rb"^[ \t]*([A-Z_]+)[ \t]*=([^\n%]*)[^\n]*\n?", re.M)
 
 
 class _Section(NamedTuple):
-    """What is behind a keyword: its value, and the first byte of the lines below and the one behind them."""
+    """Contents of a keyword: its value, and the first byte of the lines below and the one after them."""
 
     value: str
     start: int
@@ -62,14 +62,14 @@ class _Section(NamedTuple):
 class _Zone:
     """Sections of a zone."""
 
-    source: str  # name of the file, and of the zone where there are several, for messages
-    sections: dict[str, _Section] = field(default_factory=dict)  # those of `ONCE`
+    source: str  # name of the file, and of the zone if there are several, for messages
+    sections: dict[str, _Section] = field(default_factory=dict)  # the sections of `ONCE`
     markers: dict[str, _Section] = field(default_factory=dict)  # elements of the markers
-    n_others: int = 0  # markers that are no boundary
+    n_others: int = 0  # markers that are not boundary
     tag: str = ""  # marker that is being read
 
     def take(self, name: str, section: _Section) -> None:
-        """Add what is behind a keyword; others than those of meshes are kept, and say nothing here."""
+        """Add the contents of a keyword; keywords unrelated to meshes are kept and ignored."""
         if name == "MARKER_TAG":
             self.tag = section.value.strip()
             self.n_others += self.tag == NO_BOUNDARY
@@ -79,7 +79,7 @@ class _Zone:
                     f"{self.source}: has elements of marker '{self.tag}' twice or without a name; write it again"
                 )
             self.markers[self.tag] = section
-        elif name == "SEND_TO" and self.tag in self.markers:  # between the number of elements and these
+        elif name == "SEND_TO" and self.tag in self.markers:  # between the number of elements and the elements
             self.markers[self.tag] = section._replace(value=self.markers[self.tag].value)
         elif name in ONCE:
             if name in self.sections:
@@ -101,7 +101,7 @@ class _Zone:
         return int(found)
 
     def count(self, name: str) -> int:
-        """Return a number of things."""
+        """Return a count."""
         return _count(self.sections[name].value, name, self.source)
 
     def points(self, text: bytes, n_axes: int) -> TextPoints:
@@ -139,9 +139,9 @@ class _Zone:
 
 def read_su2(
     path: str | os.PathLike,  # the file
-    span: SectionSpan | None = None,  # the two planes of a mesh of two dimensions; its own by default
+    span: SectionSpan | None = None,  # the two planes of a two-dimensional mesh; its own by default
 ) -> StoredMesh:
-    """Read an SU2 mesh of one zone or several, which are taken as one mesh."""
+    """Read an SU2 mesh of one or several zones, which form one mesh."""
     text, source = read_raw(path), str(path)
     zones = _zones(text, source)
     n_axes = zones[0].n_axes
@@ -154,7 +154,7 @@ def read_su2(
             raise InputError(f"{source}: has zones of {n_axes} and of {zone.n_axes} dimensions; give each in a file")
         of_zone, marked, points = zone.cells(text, n_axes), zone.faces(text, n_axes), zone.points(text, n_axes)
         for kind, corners in of_zone.items():
-            if len(zones) > 1:  # a wrong number would be that of a node of another zone
+            if len(zones) > 1:  # a wrong number would belong to a node of another zone
                 require_corners(corners, corners.shape[1], len(points.values), f"{zone.source}: cells '{kind}'")
             cells.setdefault(kind, []).append(corners + first)
         for tag, faces in marked.items():
@@ -198,12 +198,12 @@ def _value(match: re.Match[bytes]) -> str:
 
 
 def _word(value: str) -> str:
-    """First word of what is behind a keyword; empty where there is none."""
+    """First word after a keyword; empty if there is none."""
     return next(iter(value.split()), "")
 
 
 def _count(value: str, name: str, source: str) -> int:
-    """Return a number of things; what is behind it, such as the number of nodes without copies, does not count."""
+    """Return a count; further text, such as the number of nodes without copies, is ignored."""
     word = _word(value)
     if not (word.isascii() and word.isdigit() and len(word) < 19):
         raise InputError(f"{source}: {name}={word[:40]} is no number; write it again")
@@ -211,7 +211,7 @@ def _count(value: str, name: str, source: str) -> int:
 
 
 def _points(text: bytes, span: tuple[int, int], n_axes: int, source: str) -> TextPoints:
-    """Nodes, each on a line, behind which its numbers may be: as many as for the first one, see `MOST_NUMBERS`."""
+    """Nodes, one per line, possibly followed by their numbers: as many as for the first one, see `MOST_NUMBERS`."""
     first = blanked(text[slice(*span)], _COMMENTS).lstrip().partition(b"\n")[0].split()
     n_behind = len(first) - n_axes
     behind = n_behind if 0 <= n_behind <= MOST_NUMBERS else 0
@@ -229,7 +229,7 @@ def _points(text: bytes, span: tuple[int, int], n_axes: int, source: str) -> Tex
 
 
 def _elements(text: bytes, n: int, known: Mapping[int, int], what: str) -> dict[int, np.ndarray]:
-    """Corners of the elements of each kind that is known; their numbers may be behind these."""
+    """Corners of the elements of each known kind, possibly followed by their numbers."""
     numbers, starts = integers_by_line(blanked(text, _COMMENTS), what)
     if len(starts) - 1 != n:
         raise InputError(f"{what}: announces {n:,} elements and holds {len(starts) - 1:,}; write it again")

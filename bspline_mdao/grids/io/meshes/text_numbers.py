@@ -1,4 +1,4 @@
-"""Numbers in text: found, and replaced in their places, so that all else stays as it is to the last byte."""
+"""Numbers in text: found, and replaced in place, so that all else stays the same to the last byte."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from ....errors import InputError
 __all__ = ["TextPoints", "blanked", "integers", "integers_by_line", "words_of"]
 
 LONGEST = 100
-"""Characters of a coordinate, at most: four times as many as tell a number of 8 bytes from the next."""
+"""Largest number of characters of a coordinate: four times as many as distinguish 8-byte reals."""
 
 PIECE = 1 << 22
-"""Bytes of text that are taken apart at once: words are objects of some 50 bytes, of 10 million cells 4 gigabytes."""
+"""Bytes of text that are split at once: words are objects of about 50 bytes, 4 gigabytes for 10 million cells."""
 
 _BLANKS = np.zeros(256, dtype=bool)
 _BLANKS[list(b" \t\n\v\f\r()")] = True
 
-_OUTSIDE = np.int8(1)  # of the type of what it is put before: else all would take eight bytes
+_OUTSIDE = np.int8(1)  # typed like the array to which it is prepended: otherwise all would take eight bytes
 
 
 def words_of(text: bytes, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First bytes of words, between blanks and brackets, the bytes behind them, and their lines, counted from 0."""
-    if b"\0" in text:  # at the end of a word NumPy leaves it out
+    """First bytes of words, between blanks and brackets, the bytes after them, and their lines, counted from 0."""
+    if b"\0" in text:  # at the end of a word, NumPy drops it
         raise InputError(f"{what}: has a byte that is zero, and is no text; write the file again")
     data = np.frombuffer(text, dtype=np.uint8)
     edges = np.diff(_BLANKS[data].view(np.int8), prepend=_OUTSIDE, append=_OUTSIDE)
@@ -36,12 +36,12 @@ def words_of(text: bytes, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def blanked(text: bytes, comments: re.Pattern[bytes]) -> bytes:
-    """Put blanks in the place of comments, so that all else stays in its place; the ends of lines stay."""
+    """Replace comments by blanks, so that all else stays in place; line ends are kept."""
     return comments.sub(lambda found: re.sub(rb"[^\n]", b" ", found[0]), text)
 
 
 def integers(text: bytes, n: int, what: str) -> np.ndarray:
-    """Whole numbers of a text of ``n`` of them."""
+    """The ``n`` whole numbers of a text."""
     try:
         parts = [np.array(text[a:b].split(), dtype=np.int64) for a, b in _pieces(text)]
     except (ValueError, OverflowError) as error:
@@ -54,9 +54,9 @@ def integers(text: bytes, n: int, what: str) -> np.ndarray:
 
 def integers_by_line(
     text: bytes,  # lines of whole numbers
-    what: str,  # where they are, for messages
+    what: str,  # description for messages
 ) -> tuple[np.ndarray, np.ndarray]:  # numbers: (n,) of int; starts: (n_lines + 1,) of int, first number of each line
-    """Whole numbers of a text, and the first of every line that has some."""
+    """Whole numbers of a text, and the first of every non-empty line."""
     numbers, firsts, n = [np.zeros(0, dtype=np.int64)], [], 0
     for begin, end in _pieces(text, at_lines=True):
         starts, _, lines = words_of(text[begin:end], what)
@@ -67,7 +67,7 @@ def integers_by_line(
 
 
 def _pieces(text: bytes, at_lines: bool = False) -> Iterator[tuple[int, int]]:
-    """Parts of a text, one after another, none of which ends within a word or, if so asked, within a line."""
+    """Consecutive parts of a text, none of which ends within a word or, if requested, within a line."""
     begin = 0
     while begin < len(text):
         end = text.find(b"\n", begin + PIECE) + 1 or len(text)
@@ -82,21 +82,21 @@ class TextPoints:
     """Points whose coordinates are the first words of lines of a text."""
 
     text: bytes  # the whole text
-    spans: np.ndarray  # (n, n_axes, 2) of int, first byte of each coordinate and the one behind it
+    spans: np.ndarray  # (n, n_axes, 2) of int, first byte of each coordinate and the one after it
     values: np.ndarray  # (n, n_axes), the coordinates
 
     @classmethod
     def of(
         cls,
         text: bytes,  # the whole text
-        span: tuple[int, int],  # first byte of the part, and the one behind it
+        span: tuple[int, int],  # first byte of the part, and the one after it
         n_axes: int,  # coordinates of a point
-        what: str,  # what it is, for messages
-        before: int = 0,  # before, behind: words of each line before and behind them
+        what: str,  # description for messages
+        before: int = 0,  # before, behind: words of each line before and after them
         behind: int = 0,
-        comments: re.Pattern[bytes] | None = None,  # what is a comment, and holds no words
+        comments: re.Pattern[bytes] | None = None,  # pattern of comments, which contain no words
     ) -> TextPoints:
-        """Find the points in a part of a text; empty lines hold none."""
+        """Find the points in a part of a text; empty lines contain none."""
         part = text[slice(*span)] if comments is None else blanked(text[slice(*span)], comments)
         starts, ends, lines = words_of(part, what)
         firsts = np.flatnonzero(np.diff(lines, prepend=-1))
@@ -114,7 +114,7 @@ class TextPoints:
 
     @classmethod
     def of_words(cls, text: bytes, start: int, stop: int, n_axes: int, what: str) -> TextPoints:
-        """Find points in a part of a text whose words are nothing but their coordinates, on whatever lines."""
+        """Find points in a part of a text that contains only their coordinates, on any lines."""
         starts, ends, _ = words_of(text[start:stop], what)
         if len(starts) % n_axes:
             raise InputError(f"{what}: {len(starts):,} coordinates are not {n_axes} of each node; write it again")
@@ -122,7 +122,7 @@ class TextPoints:
 
     @classmethod
     def at(cls, text: bytes, spans: np.ndarray, what: str) -> TextPoints:
-        """Take points whose coordinates have known places, shape (n, n_axes, 2)."""
+        """Take points whose coordinates are at known places, shape (n, n_axes, 2)."""
         longest = int(np.diff(spans, axis=-1).max(initial=0))
         if longest > LONGEST:  # all words take as many bytes as the longest
             raise InputError(f"{what}: a coordinate of {longest:,} characters is no number; write the file again")
@@ -136,7 +136,7 @@ class TextPoints:
         return cls(text, spans, values.reshape(spans.shape[:2]))
 
     def replaced(self, values: np.ndarray) -> bytes:
-        """Return the text with other coordinates, shape (n, n_axes): the words of points that stay are kept."""
+        """Return the text with new coordinates, shape (n, n_axes): the words of unmoved points are kept."""
         is_new = (values != self.values).any(axis=1)
         numbers, spans, view = values[is_new].ravel(), self.spans[is_new].reshape(-1, 2), memoryview(self.text)
         parts: list[bytes | memoryview] = []

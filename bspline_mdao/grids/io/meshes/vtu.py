@@ -1,8 +1,8 @@
-"""VTK's unstructured grids (.vtu): points and cells; written back with other points.
+"""VTK's unstructured grids (.vtu): points and cells; written back with new points.
 
-Numbers in ASCII are replaced in their places. Others, encoded or appended behind the grid, are written where the array
-is declared, encoded and compressed as the file says; appended ones leave their bytes behind unused, so that the places
-of all other arrays stay.
+Numbers in ASCII are replaced in place. Others, encoded or appended after the grid, are written where the array is
+declared, encoded and compressed as the file says; for appended ones the old bytes stay unused, so that the places of
+all other arrays stay the same.
 
 Format: ``docs/theory/ride.rst``.
 """
@@ -27,7 +27,7 @@ from .vtu_arrays import VtuArray, VtuFile
 __all__ = ["read_vtu"]
 
 BLOCK = 2**15
-"""Bytes that are compressed at once, as VTK does by default."""
+"""Bytes that are compressed at once, VTK's default."""
 
 CELLS = {
     "tetra": (4, {10: 4, 24: 10, 71: 0}),
@@ -43,7 +43,7 @@ of nodes and lines, which are neither."""
 
 def read_vtu(
     path: str | os.PathLike,  # the file
-    span: SectionSpan | None = None,  # the two planes of a mesh of two dimensions; its own by default
+    span: SectionSpan | None = None,  # the two planes of a two-dimensional mesh; its own by default
 ) -> StoredMesh:  # it has no markers
     """Read an unstructured grid of VTK in one piece."""
     file = VtuFile.of(read_raw(path), str(path))
@@ -72,7 +72,7 @@ def read_vtu(
 
 
 def _rows(types: np.ndarray, sizes: np.ndarray, n_corners: int, numbers: dict[int, int], source: str) -> np.ndarray:
-    """Cells of some types, which have as many nodes as these have."""
+    """Cells of some types, which have equal numbers of nodes."""
     for number, n_nodes in numbers.items():
         of_type = types == number
         is_wrong = of_type & ((sizes != n_nodes) if n_nodes else (sizes < n_corners))
@@ -111,14 +111,14 @@ def _points(file: VtuFile, n_points: int) -> StoredPoints:
 
 @dataclass(frozen=True, eq=False)
 class _EncodedPoints:
-    """Points that are encoded."""
+    """Encoded points."""
 
     file: VtuFile  # the file
     values: np.ndarray  # (n, 3), the points
-    array: VtuArray  # where they are declared
+    array: VtuArray  # their declaration
 
     def replaced(self, values: np.ndarray) -> bytes:
-        """Return the file with other points, shape (n, 3), at their precision in the file."""
+        """Return the file with new points, shape (n, 3), at their precision in the file."""
         data, attributes = self.file.data, self.array.attributes
         kind = "<f4" if attributes["type"] == "Float32" else "<f8"
         if (values.astype(kind) == self.values.astype(kind)).all():

@@ -1,6 +1,6 @@
-"""Arrays of VTK's XML files: found with their places by the XML itself, and decoded to the numbers that are asked for.
+"""Arrays of VTK's XML files: located through the XML itself, and decoded to the requested numbers.
 
-What is in comments is no array. Nothing is decompressed beyond what the array has to hold.
+Arrays in comments are ignored. Nothing is decompressed beyond the size of the array.
 
 Format: the VTK file formats, section "XML file formats".
 """
@@ -27,7 +27,7 @@ __all__ = ["VtuArray", "VtuFile"]
 ZLIB = "vtkZLibDataCompressor"
 PIECE = ("VTKFile", "UnstructuredGrid", "Piece")
 IN_ARRAY = len(PIECE) + 3
-"""Names of the elements from the file to the piece, and how many are open in an element within an array."""
+"""Names of the elements from the file to the piece, and the number of open elements within an array."""
 
 TYPES = {f"{name}{8 * size}": f"{code}{size}" for name, code in (("Int", "i"), ("UInt", "u")) for size in (1, 2, 4, 8)}
 TYPES |= {"Float32": "f4", "Float64": "f8"}
@@ -41,10 +41,10 @@ class VtuArray:
     """An element ``DataArray``."""
 
     attributes: dict[str, str]  # its attributes
-    # start, stop: first byte of the element and the one behind it
+    # start, stop: first byte of the element and the one after it
     start: int
     stop: int = -1
-    # first byte, and the one behind, of each text between its tags and comments
+    # first byte, and the one after, of each text between its tags and comments
     texts: list[list[int]] = field(default_factory=list)
 
 
@@ -58,7 +58,7 @@ class VtuFile:
     head: dict[str, str]
     piece: dict[str, str]
     arrays: dict[str, VtuArray]  # arrays of the points and cells: ``"Points"`` or their names
-    appended: tuple[int, str] | None  # first byte of what is appended, and its encoding
+    appended: tuple[int, str] | None  # first byte of the appended data, and its encoding
 
     @classmethod
     def of(cls, data: bytes, source: str) -> VtuFile:
@@ -120,7 +120,7 @@ class VtuFile:
         return values
 
     def text(self, name: str) -> tuple[int, int]:
-        """First byte of the text of an array, and the one behind it."""
+        """First byte of the text of an array, and the one after it."""
         array = self.arrays[name]
         found = [(a, b) for a, b in array.texts if self.data[a:b].strip()]
         if len(found) > 1:
@@ -129,7 +129,7 @@ class VtuFile:
 
     @property
     def _most(self) -> int:
-        """Bytes that an array may have."""
+        """Largest number of bytes of an array."""
         return max(MAX_SMALL, MAX_RATIO * len(self.data))
 
     @staticmethod
@@ -140,7 +140,7 @@ class VtuFile:
         return np.array(words).astype(kind) if kind[0] == "f" else np.array(words, dtype=np.int64)
 
     def _stream(self, name: str) -> _Stream:
-        """Bytes of an array that is encoded."""
+        """Bytes of an encoded array."""
         order, compressor = self.head.get("byte_order", "LittleEndian"), self.head.get("compressor", ZLIB)
         if order != "LittleEndian" or compressor != ZLIB:
             raise InputError(f"{self.source}: is in {order} and {compressor}; save it with zlib or in ASCII")
@@ -157,7 +157,7 @@ class VtuFile:
 
 
 class _Scan:
-    """A walk through the XML of a file, up to what is appended."""
+    """A walk through the XML of a file, up to the appended data."""
 
     def __init__(self, data: bytes, source: str) -> None:
         self.data, self.source = data, source
@@ -173,7 +173,7 @@ class _Scan:
 
     def run(self) -> None:
         """Walk."""
-        with suppress(_AtAppendedError):  # behind it is no XML
+        with suppress(_AtAppendedError):  # no XML after it
             self._parser.Parse(self.data, True)
 
     def _start(self, name: str, attributes: Mapping[str, str]) -> None:
@@ -226,12 +226,12 @@ class _Scan:
 
 
 class _AtAppendedError(Exception):
-    """What is appended begins."""
+    """The appended data begin."""
 
 
 @dataclass
 class _Stream:
-    """Bytes, perhaps in base 64, taken one group after the other."""
+    """Bytes, possibly in base 64, taken in groups."""
 
     data: bytes
     at: int
@@ -248,7 +248,7 @@ class _Stream:
 
 
 def _decoded(stream: _Stream, n: int, header: np.dtype, is_compressed: bool) -> bytes:
-    """The ``n`` bytes that a stream holds behind their sizes."""
+    """The ``n`` bytes of a stream, after their sizes."""
     begin, size = stream.at, header.itemsize
     first = int(np.frombuffer(stream.take(size), header)[0])
     if not is_compressed:

@@ -1,6 +1,6 @@
-"""Meshes without structure for ParaView: unstructured grids of VTK (``.vtu``) with fields, written from nothing.
+"""Unstructured meshes for ParaView: unstructured grids of VTK (``.vtu``) with fields, as new files.
 
-A mesh of two dimensions is written as the cells of its plane, and polyhedra by their faces.
+A two-dimensional mesh is written as the cells of its plane, and polyhedra by their faces.
 
 Format: the VTK file formats, section "XML file formats", appended raw data.
 """
@@ -28,17 +28,17 @@ TRIANGLE, QUAD, POLYHEDRON = 5, 9, 42
 _NAMES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 
 Fields = Mapping[str, np.ndarray]
-"""Values by the names of fields, of every node or cell: shape (n,) or (n, n_components)."""
+"""Values by the names of fields, for every node or cell: shape (n,) or (n, n_components)."""
 
 
 class _Cells(NamedTuple):
-    """Cells as VTK has them."""
+    """Cells in the form of VTK."""
 
-    connectivity: np.ndarray  # int, nodes of all cells one after the other
-    sizes: np.ndarray  # int (n_cells,), how many each has
+    connectivity: np.ndarray  # int, nodes of all cells in sequence
+    sizes: np.ndarray  # int (n_cells,), number of nodes of each
     types: np.ndarray  # uint8 (n_cells,)
-    faces: np.ndarray | None = None  # int, of polyhedra: number of faces, and of each the number of nodes and these
-    face_ends: np.ndarray | None = None  # int (n_cells,), where those of each cell end; -1 of cells of another kind
+    faces: np.ndarray | None = None  # int, for polyhedra: number of faces; for each its number of nodes, and these
+    face_ends: np.ndarray | None = None  # int (n_cells,), end of each cell's entries; -1 for cells of other kinds
 
 
 def write_vtu(
@@ -47,7 +47,7 @@ def write_vtu(
     node_fields: Fields | None = None,  # of its nodes
     cell_fields: Fields | None = None,  # of its cells
 ) -> None:
-    """Write a mesh; of one of two dimensions, its plane."""
+    """Write a mesh; for a two-dimensional one, its plane."""
     node_fields = dict(node_fields or {})
     if mesh.n_copies > 1:
         faces, _ = mesh.cell_faces  # in the order of their cells
@@ -61,11 +61,11 @@ def write_vtu(
 def write_vtu_faces(
     path: str | os.PathLike,
     points: np.ndarray,  # (n_points, 3), nodes (m)
-    faces: np.ndarray,  # int (n, 4), their corners, triangles with the last one twice
+    faces: np.ndarray,  # int (n, 4), their corners; triangles repeat the last one
     node_fields: Fields | None = None,  # of the nodes
     cell_fields: Fields | None = None,  # of the faces
 ) -> None:
-    """Write faces, and the nodes that they have."""
+    """Write faces, and their nodes."""
     used, corners = np.unique(faces, return_inverse=True)
     node_fields = {name: np.asarray(values)[used] for name, values in (node_fields or {}).items()}
     _write(path, points[used], _faces(corners.reshape(-1, 4)), node_fields, cell_fields or {})
@@ -94,7 +94,7 @@ def _volumes(mesh: MixedMesh) -> _Cells:
     nodes.append(pairs[:, 1])
     sizes.append(np.bincount(pairs[:, 0], minlength=n_cells))
     types.append(np.full(n_cells, POLYHEDRON))
-    # of each face its number of nodes and these, and before the first of a cell the number of its faces
+    # for each face its number of nodes and its nodes, and before the first of a cell the number of its faces
     of_face = _faces(faces)
     starts = np.cumsum(of_face.sizes) - of_face.sizes
     words = np.insert(of_face.connectivity, starts, of_face.sizes)
