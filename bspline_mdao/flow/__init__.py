@@ -1,4 +1,4 @@
-"""Flows on grids that move: the Euler solver and its adjoint, loads, the vortex lattice, and their components."""
+"""Flows on moving grids: the Euler solver and its adjoint, loads, the vortex lattice, and their components."""
 
 import lazy_loader
 

@@ -1,8 +1,8 @@
-"""What comes out of a flow: the table that components, builders, error estimates, studies, reports and pages read.
+"""The outputs of flows: the table that components, builders, error estimates, studies, reports and pages read.
 
-To add a functional, add its row to `FUNCTIONALS` and what computes it, with its derivatives, to the kernels: those of
-`.loads.wing_coefficients` are made of the forces on a wing, of any flow, those of `.euler.forces` of the states of all
-cells.
+To add a functional, add its row to `FUNCTIONALS` and its computation, with derivatives, to the kernels: in
+`.loads.wing_coefficients` for functions of the forces on a wing, in any flow, in `.euler.forces` for functions of the
+states of all cells.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ LATTICE: tuple[FlowKind, ...] = ("lattice",)
 
 @dataclass(frozen=True)
 class Functional:
-    """An output of a flow. Those that are one number have error estimates, and are objectives of studies."""
+    """An output of a flow. Scalar ones have error estimates, and are objectives of studies."""
 
     kind: Literal["lift", "drag", "moment", "load", "pressure"]
     meaning: str  # for the documentation of the outputs
-    kernel: str  # key of `KERNELS` of what computes it; the flow itself has its pressures
-    # how many values there are: one, one for each axis of the grid, strip of the wing, face of a wall, or panel
+    kernel: str  # key in `KERNELS` of its computation; the flow itself has its pressures
+    # number of values: one, one for each axis of the grid, strip of the wing, face of a wall, or panel
     extent: Literal["number", "axes", "strips", "faces", "panels"] = "number"
     units: str | None = None
-    flows: tuple[FlowKind, ...] = EULER + LATTICE  # which have it
-    of_wings: bool = False  # whether it has no meaning for a section, the flow about which has no trailing vortices
+    flows: tuple[FlowKind, ...] = EULER + LATTICE  # flows that have it
+    of_wings: bool = False  # whether it has no meaning for a section, whose flow has no trailing vortices
 
     @property
     def is_number(self) -> bool:
-        """Whether it is one number, so that it has an adjoint and with that an error estimate."""
+        """Whether it is a scalar, so that it has an adjoint and hence an error estimate."""
         return self.extent == "number"
 
 
@@ -79,19 +79,19 @@ FUNCTIONALS = {
         flows=LATTICE,
     ),
 }
-"""The functionals that there are, by name."""
+"""The available functionals, by name."""
 
 
 OF_SECTION = "CL, CD and CM are those of a section, cl, cd and cm: per unit of span"
-"""What there is to know of these where walls are the same from one plane of symmetry to another one."""
+"""Remark on these for walls that are the same from one plane of symmetry to another."""
 
 
 def of_flow(flow: FlowKind) -> dict[str, Functional]:
-    """Those of one flow."""
+    """The functionals of one flow."""
     return {name: functional for name, functional in FUNCTIONALS.items() if flow in functional.flows}
 
 
 def numbers(flow: FlowKind, *kinds: str, is_section: bool = False) -> tuple[str, ...]:
-    """Names of those of one flow that are one number; of kinds alone that are named, and that a section has."""
+    """Names of the scalar functionals of one flow, optionally only of given kinds, and those that a section has."""
     found = [(name, each) for name, each in of_flow(flow).items() if not (is_section and each.of_wings)]
     return tuple(name for name, each in found if each.is_number and (not kinds or each.kind in kinds))

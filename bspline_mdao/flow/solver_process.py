@@ -1,6 +1,6 @@
-"""Solvers of others, run by themselves in a case folder; whatever goes wrong is one `SolverError` that says what to do.
+"""External solvers, run in a case folder; any failure is one `SolverError` that says what to do.
 
-What a program prints goes to a log in the case while it runs, so that it can be followed there.
+The output of a program goes to a log in the case while it runs, so it can be followed there.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from ..grids.io.locked_folder import take
 __all__ = ["disk_full", "is_there", "locked_case", "run_solver"]
 
 LOCK = ".bspline_mdao-lock"
-"""File that is locked while a run is in the folder."""
+"""File that is locked while a run uses the folder."""
 
 N_LINES = 12
-"""Lines of the log that an error ends with: OpenFOAM's own errors take eight to ten, those of SU2 six to twelve."""
+"""Lines of the log at the end of an error: OpenFOAM's errors take eight to ten, SU2's six to twelve."""
 
 GRACE = 5.0
-"""Seconds that a program has to end by itself before it is killed."""
+"""Seconds that a program has to end before it is killed."""
 
 FULL = 2**20
-"""Bytes that are free on a disk that counts as full: no field of a mesh worth a solution fits in."""
+"""Free bytes below which a disk counts as full: no field of a useful mesh fits in."""
 
 
 def is_there(program: str) -> bool:
@@ -39,9 +39,9 @@ def is_there(program: str) -> bool:
 
 @contextmanager
 def locked_case(path: Path) -> Iterator[int]:
-    """Make a folder if need be, and keep other runs out while the block runs; yields the open lock.
+    """Create a folder if needed, and keep other runs out during the block; yields the open lock.
 
-    A folder with files but no lock is somebody's own, in which a run would overwrite fields and meshes.
+    A folder with files but no lock belongs to someone else, and a run would overwrite fields and meshes in it.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -61,16 +61,16 @@ def locked_case(path: Path) -> Iterator[int]:
 
 def run_solver(
     command: Sequence[str],  # the program and its arguments
-    case: Path,  # folder that it runs in
-    log: Path,  # where to what it prints goes
-    install: str,  # what to do where it is missing
-    reason: Callable[[str], str | None],  # why it stopped, by what it printed; None: unclear
+    case: Path,  # its working folder
+    log: Path,  # file for its output
+    install: str,  # what to do if it is missing
+    reason: Callable[[str], str | None],  # why it stopped, from its output; None: unclear
     *,
-    environment: Mapping[str, str] | None = None,  # variables besides those of this process
-    n_processes: int = 1,  # that it runs on, by mpirun
+    environment: Mapping[str, str] | None = None,  # variables in addition to this process's
+    n_processes: int = 1,  # number of processes, by mpirun
     time_limit: float | None = None,  # s
     inherited: Sequence[int] = (),  # open files that it keeps open until it ends, such as the lock of the case
-) -> str:  # what it printed
+) -> str:  # its output
     """Run a program on a case."""
     program = command[0]
     if n_processes > 1:
@@ -107,13 +107,13 @@ def disk_full(program: str, case: Path, error: OSError) -> SolverError:
 
 
 def end_of(text: str, log: Path) -> str:
-    """The last lines of a log, with their place."""
+    """The last lines of a log, with its path."""
     lines = [line for line in text.splitlines() if line.strip()][-N_LINES:]
     return f"\nThe end of {log}:\n" + "\n".join(f"    {line}" for line in lines) if lines else ""
 
 
 def _status_of(running: subprocess.Popen, time_limit: float | None) -> int | None:
-    """Wait for a program: its status, None where it was stopped at its limit. It ends with whoever waits, too."""
+    """Wait for a program: its status, None if it was stopped at its limit. It also ends with the waiting process."""
     try:
         return running.wait(time_limit)
     except subprocess.TimeoutExpired:
@@ -124,12 +124,12 @@ def _status_of(running: subprocess.Popen, time_limit: float | None) -> int | Non
 
 
 def _stop(running: subprocess.Popen) -> None:
-    """End a program and the processes that it began."""
+    """End a program and its child processes."""
     with suppress(ProcessLookupError):
         os.killpg(running.pid, signal.SIGTERM)
     with suppress(subprocess.TimeoutExpired):
         running.wait(GRACE)
-    with suppress(ProcessLookupError):  # what it began may go on
+    with suppress(ProcessLookupError):  # children may continue
         os.killpg(running.pid, signal.SIGKILL)
     running.wait()
 

@@ -1,6 +1,6 @@
-"""The adjoint of the flow, and its tangent: linear systems with the Jacobian of the residual, transposed and as it is.
+"""The adjoint of the flow, and its tangent: linear systems with the Jacobian of the residual and its transpose.
 
-Products with the Jacobian are those of `.linearization`, the preconditioner is in `.preconditioner`.
+Products with the Jacobian are in `.linearization`, the preconditioner is in `.preconditioner`.
 
 Theory: ``docs/theory/euler.rst``, "Derivatives".
 """
@@ -27,14 +27,14 @@ __all__ = ["FlowTangent"]
 class FlowTangent:
     """Derivatives of the residual with respect to the states, and solutions with them and with their transpose."""
 
-    # What flows out of a cell goes with its surface, 290 m^2 at the far field of a wing and 3 cm^2 at its tip, and what
-    # a force feels of a row of the residual with its inverse. So linear systems are solved for rows divided by the
-    # surfaces of their cells, and the error of a total is that of the system relative to its right-hand side, times no
-    # large number.
+    # The flux out of a cell scales with its surface, 290 m^2 at the far field of a wing and 3 cm^2 at its tip, and the
+    # sensitivity of a force to a row of the residual with the inverse. So linear systems are solved for rows divided by
+    # the surfaces of their cells, and the error of a total is the system's error relative to its right-hand side,
+    # without a large factor.
 
     linearization: Linearization  # jacobians of all fluxes
     sizes: np.ndarray  # (n_cells, 1), surfaces of the cells (m^2), see `Discretization.sizes`
-    pattern: FactorPattern  # of the preconditioner
+    pattern: FactorPattern  # pattern of the preconditioner
 
     @classmethod
     def of(
@@ -51,8 +51,8 @@ class FlowTangent:
 
     @cached_property
     def factor(self) -> Factor:
-        """Factor of a compact neighbour of the Jacobian with respect to the states: the preconditioner."""
-        # It and that of the transpose make each other, and one of them is kept.
+        """Factor of a compact approximation of the Jacobian with respect to the states: the preconditioner."""
+        # It and the factor of the transpose are converted into each other, and only one of them is kept.
         other = self.__dict__.pop("transposed_factor", None)
         if other is not None:
             return other.into_transposed()
@@ -83,7 +83,7 @@ class FlowTangent:
 
     def solve_transposed(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
         """Solve with the transpose of the Jacobian with respect to the states."""
-        # Its unknowns are by the surfaces of their cells. Between the preconditioner and the product these cancel.
+        # Its unknowns are scaled by the surfaces of their cells. Between preconditioner and product these cancel.
         return solve_refined(
             self.linearization.state_vjp,
             self.linearization.jacobians.transposed_product,

@@ -1,12 +1,12 @@
-"""Incomplete factor L U of a matrix of 5 x 5 blocks, made and solved with on several threads.
+"""Incomplete factor L U of a matrix of 5 x 5 blocks, computed and applied on several threads.
 
-It is made in single precision; of L and U the upper half of every number is kept, eight bits and the exponent. What an
-incomplete factor leaves out is far more, and the sweeps read half as much.
+It is computed in single precision; of L and U the upper half of every number is kept, eight bits and the exponent. The
+error of an incomplete factor is much larger, and the sweeps read half as much.
 
-The pattern is symmetric. Entry ``(row, column)`` of the strict lower triangle holds the block of L there and the block
-of U at ``(column, row)``. Two threads take a half of the rows each and wait for each other once. More of them share
-the rows of one level after another, which need rows of lower levels only, each the same part of all of them first.
-Every number is the same on any number of threads.
+The pattern is symmetric. Entry ``(row, column)`` of the strict lower triangle stores the block of L there and the block
+of U at ``(column, row)``. Two threads take half of the rows each and wait for each other once. More threads share the
+rows of one level after another, which only need rows of lower levels, each the same part of all of them first. Every
+number is the same on any number of threads.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -49,18 +49,18 @@ __all__ = ["BLOCK", "BlockFactor", "Schedule", "levels_of"]
 BLOCK = 5
 
 ROWS, PER_THREAD = 16, 2
-"""Rows of a chunk at least, a microsecond of work, and chunks of a level at most for each thread."""
+"""Smallest number of rows of a chunk, a microsecond of work, and largest number of chunks per level and thread."""
 
 AHEAD, ROWS_AHEAD = 32, 16
-"""Blocks and rows ahead of the ones in work that are asked for from memory: without it half of a sweep is waiting."""
+"""Blocks and rows ahead of the current ones that are prefetched: without it half of a sweep is waiting."""
 
 ROWS_PER_THREAD, ROWS_OF_LEVEL = 2_000, 150
-"""Fewer rows than this are not worth a thread, nor are levels with fewer rows for each in the mean worth more than two:
-there a thread waits for the numbers of the others for as long as it works."""
+"""Fewer rows than this do not justify a thread, nor do levels with fewer rows per thread on average justify more than
+two: a thread would wait for the others for as long as it works."""
 
 
 class FactorRows(NamedTuple):
-    """Pattern of the strict lower triangle by rows and by columns, as kernels take it: see `Pattern`, `Schedule`."""
+    """Pattern of the strict lower triangle by rows and by columns, for kernels: see `Pattern`, `Schedule`."""
 
     order: np.ndarray
     starts: np.ndarray
@@ -70,17 +70,17 @@ class FactorRows(NamedTuple):
 
 
 class Chunks(NamedTuple):
-    """Chunks of rows that threads are to claim, as kernels take them: see `Schedule`, `claim`."""
+    """Chunks of rows for threads to claim, as arguments of kernels: see `Schedule`, `claim`."""
 
     firsts: np.ndarray
     ends: np.ndarray
     levels: np.ndarray
-    turn: int  # level from which on they are done backwards
-    numbers: np.ndarray  # counters, of this piece of work alone
+    turn: int  # level from which on the order is backwards
+    numbers: np.ndarray  # counters, used only for this task
 
 
 class FactorBlocks(NamedTuple):
-    """Blocks of a matrix or of its factor, as kernels take them: below, above and on the diagonal."""
+    """Blocks of a matrix or of its factor, as arguments of kernels: below, above and on the diagonal."""
 
     lower: np.ndarray
     upper: np.ndarray
@@ -89,23 +89,23 @@ class FactorBlocks(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """Which rows can be done at a time, and the pattern by columns."""
+    """The rows that can be done in parallel, and the pattern by columns."""
 
     # firsts, ends: (n_chunks,) of int, rows between which each chunk lies
     firsts: np.ndarray
     ends: np.ndarray
-    # levels, both: (n_levels + 1,) and (2 n_levels + 1,) of int, chunks with which the levels start, for the rows
-    # upwards once, and upwards and then downwards
+    # levels, both: (n_levels + 1,) and (2 n_levels + 1,) of int, chunks with which the levels start, for one upward
+    # pass, and for an upward and a downward pass
     levels: np.ndarray
     both: np.ndarray
-    n_threads: int  # how many threads the levels can feed
+    n_threads: int  # number of threads that the levels can occupy
     column_starts: np.ndarray  # (n + 1,) of int, where each column of the strict lower triangle starts
     # column_entries, column_rows: (n_blocks,) of int, entries of the columns, and their rows
     column_entries: np.ndarray
     column_rows: np.ndarray
 
     def chunks(self, levels: np.ndarray, turn: int) -> Chunks:
-        """Those of some levels, to be claimed once."""
+        """Chunks of some levels, to be claimed once."""
         return Chunks(self.firsts, self.ends, levels, turn, counters(levels[-1], levels[0]))
 
     @property
@@ -121,13 +121,13 @@ class Schedule:
     @classmethod
     def of(
         cls,
-        starts: np.ndarray,  # starts, columns: see `Pattern`; rows of a level are best next to each other
+        starts: np.ndarray,  # starts, columns: see `Pattern`; rows of a level should be adjacent
         columns: np.ndarray,
-        # (n_parts + 1,) of int, rows between which the parts lie. The first two need nothing of each other, each later
-        # one all before it.
+        # (n_parts + 1,) of int, rows between which the parts lie; the first two are independent, each later one needs
+        # all before it
         parts: np.ndarray,
     ) -> Schedule:
-        """Cut the rows of a pattern into chunks, one for each part, or more where levels feed more threads."""
+        """Cut the rows of a pattern into chunks, one for each part, or more if levels occupy more threads."""
         n, wanted, level = len(starts) - 1, thread_count(None), levels_of(starts, columns)
         stage = np.repeat(np.maximum(np.arange(len(parts) - 1), 1), np.diff(parts))
         level += (stage - 1) * (int(level.max(initial=0)) + 1)
@@ -146,7 +146,7 @@ class Schedule:
 
 def _chunks(level: np.ndarray, parts: np.ndarray, n_most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First and last rows of chunks, level by level, and the chunks with which the levels start."""
-    # Rows of a level that are next to each other in a part are cut into so many chunks at most.
+    # Adjacent rows of a level in a part are cut into at most so many chunks.
     n = len(level)
     if not n:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(1, np.int64)
@@ -184,14 +184,13 @@ class Pattern(Protocol):
 class BlockFactor:
     """Incomplete factor L U of a matrix of 5 x 5 blocks, or of its transpose."""
 
-    # The sweep through the rows upwards reads blocks by rows, the one downwards by columns. Each has its own in the
-    # order in which it reads them: scattered blocks take more than twice the time. So a factor serves one of the matrix
-    # and its transpose, and `into_transposed` makes that of the other out of it, in the same memory and as fast as a
-    # solution.
+    # The upward sweep through the rows reads blocks by rows, the downward one by columns. Each has its own in the order
+    # in which it reads them: scattered blocks take more than twice the time. So a factor serves either the matrix or
+    # its transpose, and `into_transposed` converts one into the other, in the same memory and as fast as a solution.
 
     pattern: Pattern
     # lower, upper: (n_blocks, 5, 5), blocks of L below its unit diagonal, by rows, and of U above its diagonal, by
-    # columns of the pattern, see `zero_halves`; of the transpose L by columns and U by rows
+    # columns of the pattern, see `zero_halves`; for the transpose L by columns and U by rows
     lower: np.ndarray
     upper: np.ndarray
     pivots: np.ndarray  # (n, 5, 5), inverses of the diagonal blocks of U
@@ -199,8 +198,8 @@ class BlockFactor:
 
     @classmethod
     def of(cls, pattern: Pattern, lower: np.ndarray, upper: np.ndarray, diagonal: np.ndarray) -> BlockFactor:
-        """Factor a matrix, whose blocks off the diagonal are halves, at their entries, the others by rank."""
-        # They are written over.
+        """Factor a matrix, whose off-diagonal blocks are halves, at their entries, the others by rank."""
+        # They are overwritten.
         schedule = pattern.schedule
         rows, chunks = factor_rows(pattern), schedule.chunks(schedule.levels, len(schedule.levels))
         blocks = FactorBlocks(lower, upper, diagonal)
@@ -208,8 +207,8 @@ class BlockFactor:
         return cls(pattern, lower, _by_columns(upper, schedule), diagonal)
 
     def into_transposed(self) -> BlockFactor:
-        """Factor of the transpose, in the memory of this one, which is none any more."""
-        # Blocks that are by rows are to be by columns, and those by columns by rows: block by block they change places.
+        """Factor of the transpose, in the memory of this one, which becomes invalid."""
+        # Blocks stored by rows must be stored by columns, and vice versa: they are exchanged block by block.
         entries = self.pattern.schedule.column_entries
         by_rows, by_columns = (self.upper, self.lower) if self.is_transposed else (self.lower, self.upper)
         visit(len(entries), lambda part: _swap(by_rows, entries[part], by_columns[part]))
@@ -223,20 +222,20 @@ class BlockFactor:
         return out.astype(right.dtype, copy=False)
 
     def upwards(self, right: np.ndarray) -> np.ndarray:
-        """Do the first half of a solve: the solution with L, or with ``U^T``, shape (n, 5), float32, by rows."""
+        """First half of a solve: the solution with L, or with ``U^T``, shape (n, 5), float32, by rows."""
         levels, single = self.pattern.schedule.upwards, np.ascontiguousarray(right, np.float32)
         x = np.empty_like(single)
         self._sweep(levels, len(levels), single, x, x)
         return x
 
     def downwards(self, x: np.ndarray) -> np.ndarray:
-        """Do the second half of a solve, from what `upwards` gave, which it overwrites: shape (n, 5), float32."""
+        """Second half of a solve, from the result of `upwards`, which it overwrites: shape (n, 5), float32."""
         out = np.empty_like(x)
         self._sweep(self.pattern.schedule.downwards, 0, x, x, out)
         return out
 
     def _sweep(self, levels: np.ndarray, turn: int, right: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
-        """Do the chunks of some levels, from ``turn`` on downwards."""
+        """Process the chunks of some levels, from ``turn`` on downwards."""
         kernel, schedule = (_solve_transposed if self.is_transposed else _solve), self.pattern.schedule
         rows, chunks = factor_rows(self.pattern), schedule.chunks(levels, turn)
         blocks = FactorBlocks(self.lower, self.upper, self.pivots)
@@ -244,13 +243,13 @@ class BlockFactor:
 
 
 def factor_rows(pattern: Pattern) -> FactorRows:
-    """What the kernels take of a pattern."""
+    """A pattern as arguments of kernels."""
     schedule = pattern.schedule
     return FactorRows(pattern.order, pattern.starts, pattern.columns, schedule.column_starts, schedule.column_rows)
 
 
 def _by_columns(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
-    """Blocks by columns, of those by rows."""
+    """Blocks by columns, from blocks by rows."""
     out = zero_halves(blocks.shape)
     visit(len(blocks), lambda part: _gather(blocks, schedule.column_entries[part], out[part]))
     return out
@@ -273,14 +272,14 @@ def _swap(by_rows, entries, by_columns):
 
 
 def _together(schedule: Schedule, n_rows: int, work: Callable[[int, int], None]) -> None:
-    """Call a function whose chunks threads claim on as many as are worth it, with the part of each and their number."""
+    """Call a function whose chunks threads claim on a suitable number of threads, with each one's part and number."""
     n_threads = max(1, min(thread_count(None), schedule.n_threads, n_rows // ROWS_PER_THREAD))
     run_tasks(lambda part: work(part, n_threads), range(n_threads), n_threads)
 
 
 @njit(cache=True, error_model="numpy")
 def levels_of(starts, columns):
-    """Level of each row: one more than the highest of the rows that it needs."""
+    """Level of each row: one more than the highest level of the rows that it needs."""
     levels = np.zeros(len(starts) - 1, np.int32)
     for row in range(len(levels)):
         for entry in range(starts[row], starts[row + 1]):
@@ -290,8 +289,8 @@ def levels_of(starts, columns):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _factorize(rows, chunks, part, n_parts, blocks):
-    """Factor row by row in place, the diagonal blocks into their inverses."""
-    # For every entry j of row i of the pattern, ascending; fill outside of the pattern is dropped:
+    """Factor row by row in place; diagonal blocks are replaced by their inverses."""
+    # For every entry j of row i of the pattern, ascending; fill outside the pattern is dropped:
     #
     # 1. ``L_ij = A_ij - sum_k L_ik U_kj`` and ``U_ji = A_ji - sum_k L_jk U_ki``, over the k < j in both rows.
     # 2. ``L_ij = L_ij U_jj^-1``.
@@ -333,14 +332,14 @@ def _factorize(rows, chunks, part, n_parts, blocks):
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _ask_for_block(blocks, at):
-    """Ask for a block of single precision from memory: it lies in two lines, or three."""
+    """Prefetch a block of single precision: it lies in two cache lines, or three."""
     prefetch(blocks, 25 * at)
     prefetch(blocks, 25 * at + 16)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _invert(block, inverse):
-    """Invert a block, which is overwritten, by Gauss and Jordan with exchanges of rows."""
+    """Invert a block, which is overwritten, by Gauss-Jordan elimination with row exchanges."""
     for a in range(BLOCK):
         for b in range(BLOCK):
             inverse[a, b] = 1.0 if a == b else 0.0
@@ -414,7 +413,7 @@ def _solve(rows, chunks, part, n_parts, blocks, right, x, out):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _solve_transposed(rows, chunks, part, n_parts, blocks, right, x, out):
-    """Solve with the transpose of U, then with that of L."""
+    """Solve with the transpose of U, then with the transpose of L."""
     order, starts, columns, column_starts, column_rows = rows
     firsts, ends, levels, turn, numbers = chunks
     lower, upper, pivots = blocks

@@ -1,6 +1,6 @@
 """Centres of faces and cells, and the sizes of cells in all directions, with their derivatives by the nodes.
 
-The centre of a face of four corners is that of the areas of both its pairs of triangles, the mean of its corners where
+The centre of a face of four corners is the centre of area of both its pairs of triangles, or the mean of its corners if
 it has no area. With the centres c of a cell's faces and their area vectors S out of the cell, and the mean m of the
 centres, the cell consists of the pyramids of its faces about m, whose volumes are v = S . (c - m) / 3: its centre is
 
@@ -30,12 +30,12 @@ __all__ = [
 ]
 
 SOLID = 1e-3
-"""Volume of a cell by those of its pyramids from which on it has a centre of volume."""
+"""Volume of a cell, relative to its pyramids, above which it has a centre of volume."""
 
 
 @njit(cache=True, error_model="numpy")
 def face_centres(nodes, corners):
-    """Centres of area and area vectors of faces, shapes (n_faces, 3), of corners, shape (n_faces, 4)."""
+    """Centres of area and area vectors of faces, shapes (n_faces, 3), from corners, shape (n_faces, 4)."""
     # Real or complex.
     centres, areas = np.zeros((len(corners), 3), nodes.dtype), np.zeros((len(corners), 3), nodes.dtype)
     for f in range(len(corners)):
@@ -95,7 +95,7 @@ def _mean(a, b, c, d):
 @njit(cache=True, error_model="numpy")
 def cell_shapes(centres, areas, left, right, n_cells):
     """Centres of cells, shape (n_cells, 3), and sums of the squares of their three edges, shape (n_cells, 3, 3)."""
-    # Of centres and area vectors of faces, real or complex.
+    # From centres and area vectors of faces, real or complex.
     means, moments, volumes = _pyramids(centres, areas, left, right, n_cells)
     spreads = np.zeros((n_cells, 3, 3), centres.dtype)
     for cell in range(n_cells):
@@ -114,7 +114,7 @@ def cell_shapes(centres, areas, left, right, n_cells):
 
 @njit(cache=True, error_model="numpy")
 def cell_shapes_jvp(centres, areas, left, right, n_cells, d_centres, d_areas):
-    """Change of the centres of cells and of the squares of their edges with those of their faces."""
+    """Change of the centres of cells and of the squares of their edges with the centres of their faces."""
     means, moments, volumes = _pyramids(centres, areas, left, right, n_cells)
     d_means, counts = np.zeros((n_cells, 3)), np.zeros(n_cells)
     for f in range(len(left)):
@@ -153,7 +153,7 @@ def cell_shapes_jvp(centres, areas, left, right, n_cells, d_centres, d_areas):
 
 @njit(cache=True, error_model="numpy")
 def cell_shapes_vjp(centres, areas, left, right, places_bar, spreads_bar):
-    """Transposed product of `cell_shapes_jvp`: what the centres and the area vectors of faces get, (n_faces, 3)."""
+    """Transposed product of `cell_shapes_jvp`: adjoints of the centres and the area vectors of faces, (n_faces, 3)."""
     n_cells = len(places_bar)
     means, moments, volumes = _pyramids(centres, areas, left, right, n_cells)
     centres_bar, areas_bar = np.zeros_like(centres), np.zeros_like(centres)
@@ -197,7 +197,7 @@ def cell_shapes_vjp(centres, areas, left, right, places_bar, spreads_bar):
 @njit(cache=True, error_model="numpy")
 def _pyramids(centres, areas, left, right, n_cells):
     """Means of the centres of the faces of cells, and moments and volumes of their pyramids about these."""
-    # Volumes of cells that have none are zero to the last bit.
+    # Volumes of cells without volume are zero to the last bit.
     means, counts = np.zeros((n_cells, 3), centres.dtype), np.zeros(n_cells)
     for f in range(len(left)):
         for side in range(2 if f < len(right) else 1):

@@ -1,7 +1,7 @@
 """Sums over the faces of every cell, and work on ranges of faces and cells on several threads.
 
-What faces give is written down face by face first, then added up cell by cell, in the order of the faces: no two
-threads write to the same number, and sums have the same bits on any number of threads.
+Contributions of faces are stored face by face first, then summed cell by cell, in the order of the faces: no two
+threads write to the same number, and sums are bitwise the same on any number of threads.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -20,20 +20,20 @@ from ...base.numerics.vec5 import add_scaled, load, prefetch, store, zeros
 __all__ = ["CellSums", "visit"]
 
 PER_TASK, TASKS_PER_THREAD = 8_192, 4
-"""Faces or cells of a task at least, fewer are not worth the start of a thread, and tasks for each thread at most."""
+"""Smallest number of faces or cells of a task, below which a thread is not worthwhile, and most tasks per thread."""
 
 AHEAD = 24
-"""Entries ahead of the one in work whose numbers are asked for from memory."""
+"""Entries ahead of the current one whose numbers are prefetched."""
 
 
 @dataclass(frozen=True, eq=False)
 class CellSums:
     """Faces of every cell, and faces whose stencils a cell is in."""
 
-    # (n_cells + 1,) of int, where the faces of each cell start; cells of other processes are among them
+    # (n_cells + 1,) of int, start of the faces of each cell, including cells of other processes
     starts: np.ndarray
-    entries: np.ndarray  # of int, faces, ascending; those that a cell is on the right of as ``-1 - face``
-    stencil_starts: np.ndarray  # (n_cells + 1,) of int, where the stencils with each cell start
+    entries: np.ndarray  # of int, faces, ascending; faces with the cell on the right as ``-1 - face``
+    stencil_starts: np.ndarray  # (n_cells + 1,) of int, start of the stencils with each cell
     stencil_entries: np.ndarray  # of int, four times the face, plus the place of the cell in its stencil
 
     @classmethod
@@ -47,14 +47,14 @@ class CellSums:
         return cls(*_list(cells, has_right, int(cells.max(initial=-1)) + 1))
 
     def of_faces(self, flux: np.ndarray, n_cells: int) -> np.ndarray:
-        """Sum what flows out of cells, shape (n_cells, 5), of fluxes from left to right, shape (n_faces, 5)."""
+        """Sum the outflow of cells, shape (n_cells, 5), from fluxes from left to right, shape (n_faces, 5)."""
         out = np.empty((n_cells, flux.shape[1]), flux.dtype)
         kernel = _sum_single_faces if flux.dtype == np.float32 else _sum_faces
         visit(n_cells, lambda part: kernel(self.starts, self.entries, flux, part.start, part.stop, out))
         return out
 
     def of_stencils(self, contributions: np.ndarray, n_cells: int) -> np.ndarray:
-        """Sum numbers, shape (n_faces, 4, 5), of the four cells of every stencil: shape (n_cells, 5)."""
+        """Sum numbers, shape (n_faces, 4, 5), for the four cells of every stencil: shape (n_cells, 5)."""
         out = np.empty((n_cells, contributions.shape[2]), contributions.dtype)
         index = self.stencil_starts, self.stencil_entries
         kernel = _sum_single_stencils if contributions.dtype == np.float32 else _sum_stencils
@@ -65,18 +65,18 @@ class CellSums:
 def visit(
     n: int,
     task: Callable[[slice], None],  # must not depend on the order of the calls, and release the interpreter lock
-    per_task: int | None = None,  # numbers of a range at least; by default `PER_TASK`
+    per_task: int | None = None,  # smallest size of a range; by default `PER_TASK`
 ) -> None:
     """Call ``task(range)`` for ranges of ``n`` numbers, on several threads."""
     n_threads = thread_count(None)
     n_tasks = max(1, min(TASKS_PER_THREAD * n_threads, n // (per_task or PER_TASK)))
-    n_tasks -= n_tasks % n_threads if n_tasks > n_threads else 0  # as many for each
+    n_tasks -= n_tasks % n_threads if n_tasks > n_threads else 0  # equal numbers for all
     run_tasks(lambda k: task(slice(k * n // n_tasks, (k + 1) * n // n_tasks)), range(n_tasks), n_threads)
 
 
 @njit(cache=True, error_model="numpy")
 def _list(cells, has_right, n_cells):
-    """Count, then list the faces of every cell and the stencils that it is in."""
+    """Count, then list the faces of every cell and the stencils that contain it."""
     starts, stencil_starts = np.zeros(n_cells + 1, np.int64), np.zeros(n_cells + 1, np.int64)
     for f in range(len(cells)):
         starts[cells[f, 1] + 1] += 1
@@ -130,7 +130,7 @@ def _sum_stencils(starts, entries, contributions, first, end, out):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _sum_single_faces(starts, entries, flux, first, end, out):
-    """Do what `_sum_faces` does in single precision, in vectors of five."""
+    """`_sum_faces` in single precision, in vectors of five."""
     last = len(entries) - 1
     for cell in range(first, end):
         total = zeros()
@@ -145,7 +145,7 @@ def _sum_single_faces(starts, entries, flux, first, end, out):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _sum_single_stencils(starts, entries, contributions, first, end, out):
-    """Do what `_sum_stencils` does in single precision, in vectors of five."""
+    """`_sum_stencils` in single precision, in vectors of five."""
     last = len(entries) - 1
     for cell in range(first, end):
         total = zeros()

@@ -1,4 +1,4 @@
-"""Steady states from nothing: from coarser members of the grid, with the two kinds of time steps one after the other.
+"""Steady states from scratch: from coarser members of the grid, with the two kinds of time steps in turn.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -34,21 +34,12 @@ def cold_solutions(
     settings: StartSettings = STARTS,
     progress: Callable | None = None,
 ) -> Iterator[FlowSolution]:
-    """Yield solutions of the steady flow, each from that on coarser members of the grid; take the first that will do.
+    """Yield solutions of the steady flow, each started from coarser members of the grid; take the first acceptable one.
 
-    There and here time steps are of one kind; the second solution has the other. Long ones come first where many cells
-    at walls are flat, or where the flow on one of the members took many of the usual steps or was not found.
-
-    Parameters
-    ----------
-    flow : FlowGrid
-    levels : list of CoarseLevel
-        Coarser members, the finest first; may be empty, then it starts from the uniform stream.
-    nodes : ndarray, shape (n_nodes, 3)
-        Nodes of the grid (m).
-    settings : StartSettings
-    areas, stream, tolerance, max_steps, progress
-        See `solve_flow`.
+    Each solution uses one kind of time steps throughout; the second has the other. Long ones come first if many cells
+    at walls are flat, or if the flow on a coarser member took many of the usual steps or was not found. ``levels`` are
+    the coarser members, the finest first; if empty, the start is the uniform stream. Other parameters as in
+    `solve_flow`.
     """
     discretization = flow.at(nodes)
     coarse = cache(lambda is_long: coarse_flows(levels, nodes, stream, is_long, settings))

@@ -24,38 +24,28 @@ SMEARED = 2
 """Cells on both sides over which shocks are smeared."""
 
 _STILL = 1e-12
-"""Pressure differences relative to the pressure that are rounding."""
+"""Pressure differences, relative to the pressure, that count as rounding."""
 
 
 class DragSources(NamedTuple):
-    """Drag coefficient of the pressures on the walls, and the parts of it."""
+    """Drag coefficient of the pressures on the walls, and its parts."""
 
     total: float  # ``CD``, of the pressures
     induced: float  # ``CD_induced``, from the wake
-    wave: float  # of the entropy that shocks make
+    wave: float  # from the entropy of shocks
 
     @property
     def spurious(self) -> float:
-        """What is of none of these causes: it comes from the errors of the grid."""
+        """The rest, which comes from the discretization errors of the grid."""
         return self.total - self.induced - self.wave
 
 
 def wave_drag(discretization: Discretization, states: np.ndarray, areas: np.ndarray, mach: float) -> float:
-    """Drag of the entropy that shocks make, divided by the dynamic pressure (m^2).
+    """Drag of the entropy of shocks, divided by the dynamic pressure (m^2).
 
-    Cells lie in a shock where the Mach number of the velocity along the pressure gradient is that of sound, after van
-    der Vooren and Destarac, and so do those within two cells of them. Of the drag of the entropy that leaves through
-    the far field (`EntropyDrag`) it is what they send out.
-
-    Parameters
-    ----------
-    discretization : Discretization
-    states : ndarray, shape (n_cells, 5)
-        A solution.
-    areas : ndarray, shape (n_faces, 3)
-        Area vectors (m^2).
-    mach : float
-        Of the free stream.
+    Cells lie in a shock if the Mach number of the velocity along the pressure gradient is sonic, after van der Vooren
+    and Destarac; cells within two cells of them count as well. The wave drag is their part of the drag of the entropy
+    that leaves through the far field (`EntropyDrag`). States are a solution, shape (n_cells, 5), areas in m^2.
 
     References
     ----------

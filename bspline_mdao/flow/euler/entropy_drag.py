@@ -1,14 +1,14 @@
 r"""Drag of the entropy that leaves through the far field, without the large terms that cancel in it.
 
-In conservative variables the entropy has the derivatives v. What mass, momentum and energy leave the grid by, through
-all of its boundary, is the sum of the residuals, zero, and so
+In conservative variables the entropy has the derivatives v. The mass, momentum and energy that leave the grid through
+its whole boundary are the sum of the residuals, zero, and so
 
     drag ~ sum_far G - v_inf . sum_boundary F
 
-is the flux G of the entropy alone where the flow is solved. The flux F of the scheme lets entropy out with half the sum
-of the speed through the face and of its rounded modulus, and with G of that speed the two are the same to first order
-about the free stream. What is left far away is of second order: residuals that are not quite zero, of the flow or of
-linear systems, count by v - v_inf in place of v. With relative numbers no large ones are left in the sum either:
+equals the flux G of the entropy once the flow is solved. The flux F of the scheme carries entropy out with half the sum
+of the speed through the face and its rounded modulus, and with G of that speed the two agree to first order about the
+free stream. The remainder far away is of second order: residuals that are not quite zero, of the flow or of linear
+systems, count by v - v_inf instead of v. With relative numbers there are no large terms left in the sum either:
 
 .. math::
     v_\infty \cdot F = \gamma (\gamma - 1) \left[ (\rho U - \tfrac12 \rho Q) \left( \frac{a^2 - 1}{\gamma - 1}
@@ -16,8 +16,8 @@ linear systems, count by v - v_inf in place of v. With relative numbers no large
         - \tfrac12 \lambda_0 \left( \frac{\delta p - \delta \rho}{\gamma - 1} + \tfrac12 |c|^2 \delta \rho
         + \rho \, c \cdot \delta u \right) \right] ,
 
-with c the velocity less that of the stream and the names of `.flux`; on walls and planes of symmetry only the second
-term is there, and their sum is the drag of the pressures.
+with c the velocity minus the stream's and the names of `.flux`; on walls and planes of symmetry only the second term
+remains, and their sum is the pressure drag.
 
 Theory: ``docs/theory/far_field.rst``.
 """
@@ -42,7 +42,7 @@ from .residual import Discretization
 __all__ = ["EntropyCoefficient", "EntropyDrag", "entropy_flux", "entropy_scale", "relative_entropy"]
 
 _HEAT = GAMMA * (GAMMA - 1.0)
-"""One by the temperature of the stream times the specific heat at constant volume."""
+"""One over the temperature of the stream times the specific heat at constant volume."""
 
 _REST = np.array([1.0, 0.0, 0.0, 0.0, 1.0 / GAMMA])
 """The gas of the stream without its speed."""
@@ -52,20 +52,20 @@ _REST = np.array([1.0, 0.0, 0.0, 0.0, 1.0 / GAMMA])
 class EntropyDrag:
     """Drag of the entropy that leaves through the far field (Oswatitsch), divided by the dynamic pressure (m^2)."""
 
-    # In flow without shocks there should be none. What there is comes from the errors of the discretization, those that
-    # wear trailing vortices down included: their part of the induced drag is in the entropy as well, so that the two do
-    # not add up to the drag of the pressures.
+    # In flow without shocks there should be none. It comes from discretization errors, including those that weaken
+    # trailing vortices: their part of the induced drag is in the entropy as well, so the two do not add up to the
+    # pressure drag.
 
-    # (n_boundary, 4) of int, rows of the corners of the boundary faces, of this process; area vectors are those of
-    # these faces
+    # (n_boundary, 4) of int, rows of the corners of the boundary faces of this process; area vectors belong to these
+    # faces
     corners: np.ndarray
     far: np.ndarray  # (n_far,) of int, faces of the far field among them,
     cells: np.ndarray  # (n_far,) of int, and their cells
     slip: np.ndarray  # (n_slip,) of int, faces of walls and planes of symmetry among them,
-    slip_cells: np.ndarray  # (n_slip, 4) of int, cells that their pressures are extrapolated from,
-    weights: np.ndarray  # (n_slip, 4), and weights of these
+    slip_cells: np.ndarray  # (n_slip, 4) of int, cells from which their pressures are extrapolated,
+    weights: np.ndarray  # (n_slip, 4), and their weights
     halo: Halo  # exchange of cells with other processes
-    vortex: FarVortex | None  # of the states outside, its faces among the boundary faces
+    vortex: FarVortex | None  # in the states outside, its faces among the boundary faces
     axes: np.ndarray  # (3, 3), rows are the directions downstream, along the span, and up
 
     @classmethod
@@ -148,20 +148,20 @@ class EntropyDrag:
         return states_bar, areas_bar, by_alpha @ stream_bar, mach_bar
 
     def _at_far_field(self, seen: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> tuple:
-        """Which faces of the far field have an area, and what `far_terms` takes of them."""
+        """The faces of the far field with an area, and the arguments of `far_terms` for them."""
         outside = stream[None] if self.vortex is None else self.vortex.outside(seen, areas, stream)
         far = np.flatnonzero((areas[self.far] != 0.0).any(axis=1))
         beyond = np.broadcast_to(outside, (len(self.far), N_STATES))[far] - stream
         return far, seen[self.cells[far]] - stream, beyond, areas[self.far[far]], stream[1:4]
 
     def _rises(self, seen: np.ndarray, pressure: float | np.ndarray) -> np.ndarray:
-        """Pressures on walls and planes of symmetry above another, shape (n_slip,)."""
+        """Excess of the pressures on walls and planes of symmetry over another pressure, shape (n_slip,)."""
         return np.sum(self.weights * (seen[self.slip_cells, 4] - pressure), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class EntropyCoefficient:
-    """The drag of the entropy by the reference area (m^2), a kernel of states and nodes, see `.forces.StateKernel`."""
+    """The entropy drag divided by the reference area (m^2), a kernel of states and nodes, see `.forces.StateKernel`."""
 
     drag: EntropyDrag
     nodes: Halo  # exchange of nodes with other processes
@@ -218,9 +218,9 @@ def far_terms(
     ds: np.ndarray,
     du: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Flux of the entropy less v_inf . F by the latter's factor, shape (n,), and its change, on the far field."""
-    # Of states of the cells and outside less that of the stream, both of shape (n, 5), area vectors, shape (n, 3), and
-    # the velocity of the stream, shape (3,).
+    """Flux of the entropy minus v_inf . F, by the latter's factor, shape (n,), and its change, on the far field."""
+    # From states of the cells and outside minus the stream's, both of shape (n, 5), area vectors, shape (n, 3), and the
+    # velocity of the stream, shape (3,).
     value, change = _entropy(b, s, u, db, ds, du)
     w, dw, j, dj = 0.5 * (b + o), 0.5 * (db + do), o - b, do - db
     r, dr, e, de, c, dc = 1.0 + w[:, 0], dw[:, 0], w[:, 4], dw[:, 4], w[:, 1:4], dw[:, 1:4]
@@ -257,7 +257,7 @@ def far_terms(
 def _entropy(
     b: np.ndarray, s: np.ndarray, u: np.ndarray, db: np.ndarray, ds: np.ndarray, du: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Flux of the entropy of cells, by the factor of v_inf . F, with their states less that of the stream."""
+    """Flux of the entropy of cells, divided by the factor of v_inf . F, from their states minus the stream's."""
     rho, v, dv = 1.0 + b[:, 0], u + b[:, 1:4], du + db[:, 1:4]
     entropy, heat = np.log1p(GAMMA * b[:, 4]) - GAMMA * np.log1p(b[:, 0]), 1.0 + GAMMA * b[:, 4]
     d_entropy = GAMMA * (db[:, 4] / heat - db[:, 0] / rho)
@@ -271,10 +271,8 @@ def _entropy(
 
 
 def _gradients(b: np.ndarray, o: np.ndarray, s: np.ndarray, u: np.ndarray) -> list[np.ndarray]:
-    """Derivatives of `far_terms` with respect to its four arguments, of each face: shapes (n, 5), (n, 5), (n, 3) twice.
-
-    One direction after the other: there are few faces.
-    """
+    """Derivatives of `far_terms` by its four arguments, for each face: shapes (n, 5), (n, 5), (n, 3) twice."""
+    # direction by direction, as there are few faces
     still, at = [np.zeros_like(part) for part in (b, o, s, u)], (b, o, s, u)
     found = []
     for n, part in enumerate(at):
@@ -285,13 +283,13 @@ def _gradients(b: np.ndarray, o: np.ndarray, s: np.ndarray, u: np.ndarray) -> li
 
 
 def entropy_flux(w: np.ndarray, areas: np.ndarray) -> np.ndarray:
-    """Entropy that the scheme lets out through faces of the far field, shape (n,), from the states of their cells."""
+    """Entropy that the scheme carries out through faces of the far field, shape (n,), from the states of cells."""
     still = np.zeros_like(w), np.zeros_like(areas), np.zeros(3)
     return _HEAT * _entropy(w - _REST, areas, np.zeros(3), *still)[0]
 
 
 def relative_entropy(w: np.ndarray) -> np.ndarray:
-    """Entropy above that of the free stream, divided by the specific heat at constant volume."""
+    """Entropy above the free stream's, divided by the specific heat at constant volume."""
     return np.log(GAMMA * w[:, 4]) - GAMMA * np.log(w[:, 0])
 
 

@@ -1,4 +1,4 @@
-"""Errors of lift, drag and other functionals by the adjoint, from a flow and a finer member that it is not solved on.
+"""Errors of lift, drag and other functionals by the adjoint, from a flow and a finer member without a solution.
 
 Theory: ``docs/theory/error_estimates.rst``.
 
@@ -28,41 +28,41 @@ from .settings import NEWTON
 __all__ = ["ErrorEstimate", "FinerMember", "FinerStates"]
 
 RELAXED = 0.3
-"""Part that states and adjoints on the finer member leave of what their equations lack there after prolongation."""
+"""Remaining fraction of the residuals of prolonged states and adjoints on the finer member after relaxation."""
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorEstimate(OneLine):
-    """A functional on a grid, and what the adjoint says of it on a finer member of the family."""
+    """A functional on a grid, and its adjoint-based estimate on a finer member of the family."""
 
     value: float  # on the grid
-    finer: float  # as estimated for the finer member
+    finer: float  # estimate for the finer member
     factor: float  # cells per direction of the finer member, divided by those of the grid
-    # (n_cells,), what the residuals in the cells of the grid contribute to the difference of both
+    # (n_cells,), contributions of the residuals in the cells of the grid to the difference of both
     contributions: np.ndarray
-    # A measure of the estimate's own error: what the adjoint changes of the value that is seen on the finer member, and
-    # what is changed by bringing states and adjoint nearer to those of the finer member, both without signs
+    # Error bound of the estimate itself: the adjoint correction of the value on the finer member, and the change due to
+    # relaxing states and adjoint towards the finer member, both as absolute values
     remaining: float
 
     @property
     def error(self) -> float:
-        """What the value on the grid has too much, compared with the finer member."""
+        """Excess of the value on the grid over the finer member."""
         return self.value - self.finer
 
     @property
     def limit(self) -> float:
-        """Value on infinitely fine members where the order is two, as it is for smooth flow."""
+        """Value on infinitely fine members if the order is two, as in smooth flow."""
         return self.value - self.error / (1.0 - self.factor**-2.0)
 
     @property
     def bound(self) -> float:
-        """Sum of the contributions without their signs: the error if none of them cancelled."""
+        """Sum of the absolute contributions: the error if none of them cancelled."""
         return float(np.sum(np.abs(self.contributions)))
 
 
 @dataclass(frozen=True, eq=False)
 class FinerMember:
-    """A finer member of the family of a flow's grid, to look at residuals on."""
+    """A finer member of the family of a flow's grid, on which residuals are evaluated."""
 
     flow: FlowGrid  # of the finer member
     forces: FlowForces  # on it
@@ -81,8 +81,8 @@ class FinerMember:
         nodes: np.ndarray,  # (n_nodes, 3), its nodes (m)
         axes: str,  # see `FlowGrid.of`
         factor: float,  # cells per direction of the finer member, relative to those of the grid; above 1
-        # tuple of two ndarray, each of shape (n, 3), nodes of the baseline (m), and of the member of that;
-        # displacements from them are interpolated
+        # tuple of two ndarray, each of shape (n, 3), nodes of the baseline (m), and of its finer member; displacements
+        # from them are interpolated
         baselines: tuple[np.ndarray, np.ndarray],
     ) -> FinerMember:
         """Refine the grid of a flow."""
@@ -102,7 +102,7 @@ class FinerMember:
         return cls(fine_flow, fine_forces, to_nodes, CellTransfer.of(topology, finer), factor, baselines)
 
     def nodes_at(self, nodes: np.ndarray) -> np.ndarray:
-        """Nodes of the finer member (m), for those of the grid, shape (n_nodes, 3); real or complex."""
+        """Nodes of the finer member (m) from nodes of the grid, shape (n_nodes, 3); real or complex."""
         return _displaced(self.nodes, self.baselines, nodes)
 
     def prolonged(self, states: np.ndarray, nodes: np.ndarray, stream: np.ndarray) -> FinerStates:
@@ -112,9 +112,9 @@ class FinerMember:
         return FinerStates(x, w, residual, w, residual)
 
     def relaxed(self, states: np.ndarray, nodes: np.ndarray, stream: np.ndarray) -> FinerStates:
-        """Prolong the states, and take an inexact step of Newton's method on the finer member, as long as is safe."""
-        # What the prolonged states are wrong by next to walls and edges is short, and large enough there for terms of
-        # second order; the step takes most of it away.
+        """Prolong the states, and take an inexact Newton step on the finer member, of a safe length."""
+        # The errors of prolonged states next to walls and edges are short-waved, and large enough there for
+        # second-order terms; the step removes most of them.
         x, w = self.nodes_at(nodes), self.cells.prolong(states)
         field = Field(self.flow.at(x), self.flow.areas(x), stream)
         tangent = FlowTangent.of(field.discretization, w, field.areas, stream, self.flow.pattern)
@@ -128,8 +128,8 @@ class FinerMember:
     def estimate(
         self,
         value: float,  # on the grid
-        name: str,  # of the output of `FlowForces`, a single number
-        # (n_cells, 5), its adjoint on the grid. It is prolonged, and with relaxed states relaxed as well.
+        name: str,  # of an output of `FlowForces`, a scalar
+        # (n_cells, 5), its adjoint on the grid; it is prolonged, and relaxed if the states are
         psi: np.ndarray,
         finer: FinerStates,  # of the flow
         alpha: float,  # alpha, mach: angle of attack (rad) and Mach number
@@ -155,20 +155,20 @@ class FinerMember:
 
 
 def _displaced(transfer: NodeTransfer, baselines: tuple[np.ndarray, np.ndarray], nodes: np.ndarray) -> np.ndarray:
-    """Nodes of the finer member of a grid: those of its baseline, displaced as the nodes of the grid are."""
+    """Nodes of the finer member of a grid: its baseline, displaced like the nodes of the grid."""
     return baselines[1] + transfer.prolong(nodes - baselines[0])
 
 
 @dataclass(frozen=True, eq=False)
 class FinerStates:
-    """States of a flow on a finer member that it is not solved on."""
+    """States of a flow on a finer member without a solution."""
 
     nodes: np.ndarray  # (n_nodes, 3), of the finer member (m)
-    # prolonged, states: (n_cells, 5), interpolated from the grid; and nearer to the flow on the finer member, where
-    # they are relaxed
+    # prolonged, states: (n_cells, 5), interpolated from the grid; and, if relaxed, closer to the flow on the finer
+    # member
     prolonged: np.ndarray
     # residual, left: (n_cells, 5), residuals of both
     residual: np.ndarray
     states: np.ndarray
     left: np.ndarray
-    tangent: FlowTangent | None = None  # derivatives at the prolonged states; none where they are not relaxed
+    tangent: FlowTangent | None = None  # derivatives at the prolonged states; none if they are not relaxed

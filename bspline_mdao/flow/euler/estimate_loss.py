@@ -1,8 +1,8 @@
-"""A smooth measure of what the adjoint says of a grid, differentiated with respect to its states and its nodes.
+"""A smooth measure of the adjoint-based errors of a grid, differentiated with respect to its states and nodes.
 
     c = P^T (P psi . R_f(P w, N x)),    value = sum_c (sqrt(c^2 + s^2) - s)
 
-The contributions c of the cells are those of `.error_estimate`: the residual on a finer member of prolonged states and
+The contributions c of the cells are as in `.error_estimate`: the residual on a finer member of prolonged states and
 nodes, weighted with a prolonged adjoint, which is frozen here.
 
 Theory: ``docs/theory/adaptation.rst``.
@@ -23,19 +23,19 @@ __all__ = ["EstimateLoss", "WeightedAdjoint"]
 
 @dataclass(frozen=True, eq=False)
 class WeightedAdjoint:
-    """The adjoint of a functional, and what its contributions count."""
+    """The adjoint of a functional, and the scales of its contributions."""
 
     psi: np.ndarray  # (n_cells, 5), adjoint on the grid
-    bound: float  # the sum of all contributions without signs that counts one
+    bound: float  # the sum of all absolute contributions that counts one
     width: float  # contributions below this count by their squares
 
 
 @dataclass(frozen=True, eq=False)
 class EstimateLoss:
-    """Sum over the functionals of all contributions without signs, each by its bound."""
+    """Sum over the functionals of all absolute contributions, each divided by its bound."""
 
-    member: FinerMember  # the finer member that residuals are looked at on
-    adjoints: Sequence[WeightedAdjoint]  # one of each functional
+    member: FinerMember  # the finer member on which residuals are evaluated
+    adjoints: Sequence[WeightedAdjoint]  # one for each functional
     stream: np.ndarray  # (5,), the free stream
 
     def value(self, states: np.ndarray, nodes: np.ndarray) -> float:
@@ -65,7 +65,7 @@ class EstimateLoss:
         return self.member.cells.prolong(states), self.member.nodes_at(nodes)
 
     def _count(self, adjoint: WeightedAdjoint, residual: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """What a functional counts, its derivatives by the contributions, and its adjoint on the finer member."""
+        """Loss of a functional, its derivatives by the contributions, and its adjoint on the finer member."""
         psi = self.member.cells.prolong(adjoint.psi)
         contributions = self.member.cells.restrict_sums(dots(psi, residual))
         rounded = np.sqrt(contributions**2 + adjoint.width**2)

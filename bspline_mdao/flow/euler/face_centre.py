@@ -1,6 +1,6 @@
 """Centre and area vector of a face of four corners.
 
-The centre is that of the areas of both its pairs of triangles; the area vector is that of either pair.
+The centre is the centre of area of both its pairs of triangles; the area vector is the same for either pair.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -13,7 +13,7 @@ from numba import njit
 from ...base.numerics.vectors import add, dot, less
 
 FLAT = 1e-8
-"""Area of a triangle by the squares of its face's diagonals from which on it counts: roots are smooth at none."""
+"""Area of a triangle, by the squares of its face's diagonals, above which it counts: roots are not smooth at 0."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -38,7 +38,7 @@ def face_centre(a, b, c, d):
 
 @njit(cache=True, error_model="numpy")
 def has_diagonal(a, b, c, d):
-    """Whether a face has a diagonal of some length. Without, it has no area, however its corners move."""
+    """Whether a face has a diagonal of non-zero length; otherwise it has no area, however its corners move."""
     ac, bd = less(c, a), less(d, b)
     square = (dot(ac, ac) + dot(bd, bd)).real
     return FLAT**2 * square * square > 0.0

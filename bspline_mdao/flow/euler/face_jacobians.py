@@ -1,7 +1,7 @@
-"""Jacobians of the fluxes of all faces in single precision, of which Krylov methods take products by the hundred.
+"""Jacobians of the fluxes of all faces in single precision, for the hundreds of products in Krylov methods.
 
-They are of the flux of a face with respect to its mean state and its jump. What they leave of a linear system is known
-exactly, see `.linearization`, so that its solution can be refined to what rounding in double precision leaves.
+They differentiate the flux of a face with respect to its mean state and its jump. The residual of a linear system is
+computed exactly, see `.linearization`, so its solution can be refined to double-precision rounding.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -40,21 +40,21 @@ N_SHOCK = 26
 the middle and the two outer states, and of the flux by the sensor."""
 
 AHEAD = 16
-"""Faces ahead of the one in work whose Jacobians are asked for from memory."""
+"""Faces ahead of the current one whose Jacobians are prefetched."""
 
 
 @dataclass(frozen=True, eq=False)
 class FaceJacobians:
-    """Jacobians of the fluxes of all faces in single precision, and products with that of the residual."""
+    """Jacobians of the fluxes of all faces in single precision, and products with the Jacobian of the residual."""
 
-    discretization: Any  # a type of its own would have the two files import each other
+    discretization: Any  # its own type would be a circular import
     values: np.ndarray  # (n_faces, 5, 10), derivatives of the fluxes with respect to the mean state and to the jump
-    # (n_faces,) of int, row in ``shocks`` of each face; -1 where the sensor is shut. No faces where it is shut at all
-    # of them.
+    # (n_faces,) of int, row in ``shocks`` of each face; -1 if the sensor is off. No faces if it is off at all of
+    # them.
     shock_rows: np.ndarray
     shocks: np.ndarray  # (n_shocks, N_SHOCK), see `N_SHOCK`
     # of_circulation, circulation: (n_cells, 5), derivatives of the residual with respect to the circulation of a
-    # section, and of that with respect to the states; no cells where the far field has no vortex
+    # section, and of the circulation with respect to the states; no cells if the far field has no vortex
     of_circulation: np.ndarray
     circulation: np.ndarray
 
@@ -69,7 +69,7 @@ class FaceJacobians:
             visit(n, lambda part: find_shocks(discretization.scheme.part(part), linearization.states, rows[part]))
             at_shock = rows >= 0
             rows[at_shock] = np.arange(np.count_nonzero(at_shock))
-            rows = rows if at_shock.any() else rows[:0]  # in slow flow a product costs what it costs without a sensor
+            rows = rows if at_shock.any() else rows[:0]  # in slow flow a product costs as much as without a sensor
         shocks = np.zeros((int(rows.max(initial=-1)) + 1, N_SHOCK), np.float32)
 
         def fill(part: slice) -> None:
@@ -103,20 +103,20 @@ class FaceJacobians:
         return self._with_circulation(out, self.circulation, self.of_circulation, local)
 
     def _with_circulation(self, out: np.ndarray, column: np.ndarray, row: np.ndarray, vector: np.ndarray) -> np.ndarray:
-        """Add the part of a product that goes through the circulation of a section, if there is one."""
+        """Add the part of a product through the circulation of a section, if there is one."""
         if self.discretization.vortex:
             out += column * np.float32(summed_number(self.discretization.halo.comm, float(np.vdot(row, vector))))
         return out
 
     @cached_property
     def jump_weights(self) -> np.ndarray:
-        """Weights of the four cells in the jump where there is no shock, shape (n_lines, 4), float32."""
+        """Weights of the four cells in the jump without a shock, shape (n_lines, 4), float32."""
         return self.discretization.stencil.smooth_jumps(self.discretization.dissipation).astype(np.float32)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def find_shocks(scheme, states, out):
-    """Write a zero for each face where the sensor is not shut."""
+    """Write a zero for each face at which the sensor is not off."""
     for f in range(len(out)):
         if has_sensor(scheme, f) and shock_sensor(states, scheme.cells[f], scheme.threshold) > 0.0:
             out[f] = 0
@@ -153,8 +153,8 @@ def face_jacobians(scheme, areas, states, outside, values, shock_rows, shocks):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def multiply(scheme, first, end, jumps, values, shock_rows, shocks, d_states, out):
-    """Change of the fluxes of a range of faces with the states, in an array of all, shape (n_faces, 5)."""
-    # On a small grid it takes a tenth of the time of a product to cut a record for every range.
+    """Change of the fluxes of a range of faces with the states, in an array for all, shape (n_faces, 5)."""
+    # On a small grid, slicing a record for every range takes a tenth of the time of a product.
     cells, means, classes, lines = scheme.cells, scheme.means, scheme.classes, scheme.lines
     for f in range(first, end):
         at = shock_rows[f] if len(shock_rows) > 0 else -1
@@ -185,7 +185,7 @@ def multiply(scheme, first, end, jumps, values, shock_rows, shocks, d_states, ou
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def multiply_transposed(scheme, first, end, jumps, values, shock_rows, shocks, bar, out):
-    """What the four cells at a range of faces get of rows of the residual, in an array of shape (n_faces, 4, 5)."""
+    """Adjoints of the four cells at a range of faces from rows of the residual, in an array (n_faces, 4, 5)."""
     cells, means, classes, lines = scheme.cells, scheme.means, scheme.classes, scheme.lines
     for f in range(first, end):
         b, c, one = cells[f, 1], cells[f, 2], np.float32(1.0 if scheme.roles[f] == INNER else 0.0)

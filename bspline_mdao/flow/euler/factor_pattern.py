@@ -1,8 +1,8 @@
-"""The pattern of the preconditioner's factor: what is large in a factor of a matrix of numbers, the areas of faces.
+"""The pattern of the preconditioner's factor: the large entries in a factor of a scalar matrix, the areas of faces.
 
-A level of fill counts cells: it keeps as much along flat cells, where a factor is next to nothing, as across them. A
-factor of the matrix that has the areas of the faces for couplings tells where the blocks will be large: what is small
-in it is left out, and fill goes as far as it is large. The pattern is of the grid alone, and found once.
+A level of fill counts cells: it keeps as much along flat cells, where a factor is almost zero, as across them. A factor
+of the matrix with the areas of the faces as couplings shows where the blocks will be large: its small entries are left
+out, and fill extends as far as it is large. The pattern depends only on the grid, and is found once.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -29,14 +29,14 @@ from .residual import Discretization
 __all__ = ["FactorPattern", "factor_pattern"]
 
 SMALLEST = 0.01
-"""Size, relative to the pivots of its row and its column, from which on an entry of the factor of areas is kept."""
+"""Size, relative to the pivots of its row and its column, above which an entry of the factor of areas is kept."""
 
 LARGE, SMALLEST_OF_LARGE = 200_000, 0.003
-"""Cells of a grid beyond which more is kept, and the size from which on: products grow with the grid, and twice the
-fill takes a third of them. On smaller grids sweeps take longer by as much, with 0.002 they do on these.
+"""Cells of a grid beyond which more is kept, and the size for them: products grow with the grid, and twice the fill
+saves a third of them. On smaller grids sweeps would take longer by as much, with 0.002 they do on these.
 
-In rows of border cells, of which there are few, it is that on any grid: they come last, whatever the order of the
-others, and more is filled in there. It takes 2 to 4 % of the products on two processes, and 3 to 8 % on four."""
+In rows of border cells, of which there are few, this size applies on any grid: they come last, whatever the order of
+the others, and more is filled in there. It saves 2 to 4 % of the products on two processes, and 3 to 8 % on four."""
 
 
 def factor_pattern(
@@ -59,7 +59,7 @@ def factor_pattern(
 
 
 def smallest_entry(n_cells: int) -> float:
-    """Size of the smallest entries that the factor of a grid of so many cells has.
+    """Size of the smallest entries in the factor of a grid of so many cells.
 
     Examples
     --------
@@ -71,23 +71,14 @@ def smallest_entry(n_cells: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class FactorPattern(IncompletePattern):
-    """Pattern of the factor, and the places in it of the blocks that faces of the grid make.
+    """Pattern of the factor, and the places in it of the blocks of the faces of the grid; points are cells.
 
-    Parameters
-    ----------
-    order, rank, starts, columns : ndarray
-        See `IncompletePattern`; points are cells.
-    parts : ndarray of int64, shape (5,)
-        Rows between which lie two parts that have no entries in each other's columns, the cells that separate them, and
-        the border cells of several processes, see `_parts`. Within each the rows of a level are next to each other.
-    places : ndarray of int64, shape (n_pairs,)
-        Entry of every pair of neighbours, those at faces and, at the boundary, the first two cells inwards; -1 where
-        there is one cell alone, or the second one inwards is a cell of another process. Pairs of two border cells
-        have places behind the entries.
-    border : Border, optional
-        Of several processes: the cells next to those of others, which are the last rows.
-    outer : FactorPattern, optional
-        Pattern of the factor of the border.
+    ``parts``, shape (5,), are the rows between which lie two parts that have no entries in each other's columns, the
+    cells that separate them, and the border cells of several processes, see `_parts`. Within each the rows of a level
+    are adjacent. ``places`` are the entries of the pairs of neighbours, those at faces and, at the boundary, the first
+    two cells inwards; -1 if there is only one cell, or the second one inwards is on another process. Pairs of two
+    border cells have places after the entries. With several processes ``border`` has the cells next to other processes,
+    the last rows, and ``outer`` the pattern of their factor. The other fields are as in `IncompletePattern`.
     """
 
     parts: np.ndarray
@@ -102,20 +93,20 @@ class FactorPattern(IncompletePattern):
 
     @property
     def n_entries(self) -> int:
-        """Number of the entries and, behind them, of the own pairs of border cells."""
+        """Number of the entries plus the own pairs of border cells after them."""
         return len(self.columns) + (self.border.pairs.n_owned if self.border else 0)
 
     @classmethod
     def of(
         cls,
-        # left, right: (n_pairs,) of int, pairs of neighbours; pairs with numbers of n or more, of none, have no place
+        # left, right: (n_pairs,) of int, pairs of neighbours; pairs with numbers of n or more, for none, have no place
         left: np.ndarray,
         right: np.ndarray,
-        # (n_pairs,), what is off the diagonal of the matrix of numbers, times -1; of pairs that are there twice the sum
+        # (n_pairs,), off-diagonal entries of the scalar matrix, times -1; for repeated pairs, the sum
         couplings: np.ndarray,
-        diagonal: np.ndarray,  # (n,), its diagonal: for every cell no less than the sum of its couplings
+        diagonal: np.ndarray,  # (n,), its diagonal: for every cell at least the sum of its couplings
         *,
-        smallest: float,  # see `smallest_entry`; 0 for all fill. Neighbours are kept.
+        smallest: float,  # see `smallest_entry`; 0 for complete fill. Neighbours are always kept.
         has_turn: bool = True,  # whether cells are eliminated from both ends to the middle, for two threads
     ) -> FactorPattern:
         """Order the cells, and find the fill."""
@@ -125,7 +116,7 @@ class FactorPattern(IncompletePattern):
     @classmethod
     def of_subdomain(
         cls,
-        # left, right, couplings, diagonal: see `of`; numbers of n or more are cells of other processes behind the own
+        # left, right, couplings, diagonal: see `of`; numbers of n or more are cells of other processes after the own
         # ones, or none
         left: np.ndarray,
         right: np.ndarray,
@@ -163,9 +154,9 @@ class FactorPattern(IncompletePattern):
         smallest: float,
     ) -> tuple:
         """Pattern with some cells as its last rows, between which it has no entries."""
-        # Returns pattern: pairs of two of these cells have places behind its entries; pairs: of int, which pairs of
-        # them these are, by the numbers of the rows among the last ones, the later one first; couplings, diagonal: what
-        # elimination of all others leaves of the matrix of numbers there.
+        # Returns pattern: pairs of two of these cells have places after its entries; pairs: of int, these pairs, by the
+        # numbers of the rows among the last ones, the later one first; couplings, diagonal: the scalar matrix that
+        # remains there after elimination of all others.
         n, n_first = len(diagonal), int(np.count_nonzero(~is_last))
         places, is_local = np.full(len(left), -1), (left < n) & (right < n)
         left, right = left[is_local], right[is_local]
@@ -192,12 +183,12 @@ class FactorPattern(IncompletePattern):
 
 
 def _parts(left: np.ndarray, right: np.ndarray, is_last: np.ndarray, has_turn: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Order of reverse Cuthill and McKee, or the second half of it backwards, and behind both what separates them."""
-    # Returns order: (n,) of int, some points are behind all others; parts: (5,) of int, where the first half, the
-    # second, the separator, and these points lie in it; without a turn all are in the first half.
+    """Reverse Cuthill-McKee order, or with its second half reversed, followed by the separator of both."""
+    # Returns order: (n,) of int, some points come after all others; parts: (5,) of int, bounds of the first half, the
+    # second, the separator, and these points; without a turn all are in the first half.
     #
     # Two threads take a half each and wait for each other once. An order with such a turn takes hardly more products
-    # than one without it, where two halves that both run forwards take half as many more again.
+    # than one without it, whereas two halves that both run forwards take half as many more.
     n, ends = len(is_last), (np.concatenate([left, right]), np.concatenate([right, left]))
     both = csr_array((np.ones(2 * len(left), np.int8), ends), shape=(n, n))
     both.sum_duplicates()
@@ -214,7 +205,7 @@ def _parts(left: np.ndarray, right: np.ndarray, is_last: np.ndarray, has_turn: b
 
 
 def _places(inner: csr_array, outer: csr_array, pairs: np.ndarray) -> np.ndarray:
-    """Entries of pairs of rows, shape (2, n), in a pattern and, behind it, in that of its last rows."""
+    """Entries of pairs of rows, shape (2, n), in a pattern and, after it, in the pattern of its last rows."""
     n_first = inner.shape[0] - outer.shape[0]
     found, is_outer = np.empty(pairs.shape[1], np.int64), pairs.min(axis=0) >= n_first
     found[~is_outer] = _find(inner.indptr.astype(np.int64), inner.indices, *pairs[:, ~is_outer])
@@ -240,14 +231,14 @@ def _lower_rows(left: np.ndarray, right: np.ndarray, values: np.ndarray, n: int)
 @njit(cache=True, error_model="numpy")
 def _large_entries(starts, columns, couplings, diagonal, n_first, smallest, smallest_behind):
     """Find the large entries of the factor L D L^T of a symmetric matrix, row by row; columns ascend."""
-    # Only the first ``n_first`` columns are eliminated: the values of the entries of later rows, and their pivots, are
-    # of what is left. What is small differs between the rows up to there and those behind.
+    # Only the first ``n_first`` columns are eliminated: the values and pivots of later rows are those of the remaining
+    # matrix. The size of small entries differs between the rows up to there and the later ones.
     #
     # For every row i, from the couplings in it:
     #
-    # 1. Take the next column k, and go on without it where its entry is small and no coupling.
-    # 2. Add what it fills in, ``a_ij - a_ik a_jk / d_k`` for the rows j in column k that are done, k < j < i, which are
-    #    columns of this row, and to the pivot ``d_i``.
+    # 1. Take the next column k, and skip it if its entry is small and not a coupling.
+    # 2. Add its fill, ``a_ij - a_ik a_jk / d_k`` for the finished rows j in column k, k < j < i, which are columns of
+    #    this row, and to the pivot ``d_i``.
     # 3. When all are taken, put the row in the lists of its columns.
     n = len(diagonal)
     found, entries, later = np.empty(8 * n + 64, np.int32), np.empty(8 * n + 64), np.empty(8 * n + 64, np.int64)
@@ -262,7 +253,7 @@ def _large_entries(starts, columns, couplings, diagonal, n_first, smallest, smal
             n_waiting += 1
         while n_waiting > 0:  # step 1
             n_waiting -= 1
-            for other in range(n_waiting):  # the least one goes to the end
+            for other in range(n_waiting):  # the smallest one goes to the end
                 if waiting[other] < waiting[n_waiting]:
                     waiting[other], waiting[n_waiting] = waiting[n_waiting], waiting[other]
             k = waiting[n_waiting]

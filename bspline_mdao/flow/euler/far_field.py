@@ -1,4 +1,4 @@
-r"""The far field of a lifting section: the free stream and the vortex whose circulation is that of the lift.
+r"""The far field of a lifting section: the free stream and a vortex with the circulation of the lift.
 
 Far from a section in the plane the stream is disturbed like :math:`1/r`, by its circulation
 :math:`\Gamma = L / (\rho_\infty q_\infty)`, L the lift per span. With the distances X along the stream and Y along the
@@ -7,9 +7,9 @@ lift from the quarter of the chord, and :math:`\beta^2 = 1 - M^2`, the rule of P
 .. math::
     \delta \mathbf{u} = \frac{\Gamma \beta}{2 \pi} \, \frac{Y \mathbf{e}_1 - X \mathbf{e}_2}{X^2 + \beta^2 Y^2} ;
 
-density and pressure follow from the entropy and the total enthalpy of the stream. The circulation is that of the
-pressures on the walls, so that the residual of each cell at the far field depends on all of them: a term of rank one
-in the Jacobian. Vortex, places of the faces and depth of the grid are those of the baseline.
+density and pressure follow from the entropy and the total enthalpy of the stream. The circulation is computed from the
+pressures on the walls, so the residual of each cell at the far field depends on all of them: a term of rank one in the
+Jacobian. Vortex, places of the faces and depth of the grid are taken from the baseline.
 
 References
 ----------
@@ -40,19 +40,19 @@ __all__ = ["FarVortex", "VortexTangent"]
 
 
 _FLAT = 1e-6
-"""Length or area, relative to those of the grid, that counts as zero."""
+"""Length or area, relative to the grid's, that counts as zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class FarVortex:
-    """Vortex of a section, by which the states outside the far field differ from the free stream."""
+    """Vortex of a section, which disturbs the states outside the far field."""
 
-    faces: np.ndarray  # (n_far,) of int, faces of the far field, of this process as all here
-    offsets: np.ndarray  # (n_far, 3), from the vortex to their middles (m)
+    faces: np.ndarray  # (n_far,) of int, faces of the far field; like all here, of this process
+    offsets: np.ndarray  # (n_far, 3), from the vortex to their centres (m)
     walls: np.ndarray  # (n_wall,) of int, faces of the walls
-    cells: np.ndarray  # (n_wall, 4) of int, cells whose pressures are extrapolated to them
+    cells: np.ndarray  # (n_wall, 4) of int, cells from which their pressures are extrapolated
     weights: np.ndarray  # (n_wall, 4), weights of these cells
-    turn: np.ndarray  # (3, 3), turns the direction of the stream into that of the lift
+    turn: np.ndarray  # (3, 3), rotates the direction of the stream into that of the lift
     depth: float  # of the grid, along the span (m)
     halo: Halo  # exchange of cells with other processes
 
@@ -65,7 +65,7 @@ class FarVortex:
         axes: np.ndarray,  # (3, 3), rows are the directions downstream, along the span, and up
         halo: Halo,  # exchange of cells with other processes
     ) -> FarVortex | None:
-        """Find the vortex of a grid between two planes of symmetry across the span; None if the grid is none."""
+        """Find the vortex of a grid between two planes of symmetry across the span; None for other grids."""
         comm = halo.comm
         walls, far = faces.faces_of("wall"), faces.faces_of("farfield")
         places = nodes @ axes.T
@@ -115,13 +115,13 @@ class FarVortex:
         return np.sum(self.weights * states[self.cells, 4], axis=1)
 
     def _circulation(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> float:
-        """Lift per span divided by density and speed of the stream; pressures count from that of the stream."""
+        """Lift per span divided by density and speed of the stream; pressures are relative to the stream's."""
         force = (self._pressures(states) - stream[4]) @ areas[self.walls]
         lift = summed_number(self.halo.comm, force @ (self.turn @ stream[1:4]))
         return lift / (stream[0] * (stream[1:4] @ stream[1:4]) * self.depth)
 
     def _disturbed(self, stream: np.ndarray, circulation: float) -> np.ndarray:
-        """States of the stream with a vortex. Faster than sound nothing of it comes upstream."""
+        """States of the stream with a vortex. In supersonic flow nothing of it travels upstream."""
         if _is_supersonic(stream):
             return np.tile(stream, (len(self.faces), 1))
         states = np.empty((len(self.faces), N_STATES), dtype=np.result_type(stream, circulation))
@@ -142,7 +142,7 @@ class FarVortex:
 
 
 def _is_supersonic(stream: np.ndarray) -> bool:
-    """Whether the stream is as fast as sound or faster."""
+    """Whether the stream is sonic or supersonic."""
     return bool((stream[1:4] @ stream[1:4] / (GAMMA * stream[4] / stream[0])).real >= 1.0)
 
 
@@ -165,7 +165,7 @@ def _disturbed_jvp(stream, lift, circulation, offsets, d_stream, d_lift, d_circu
 
 
 def _ends(comm: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest coordinates of points, shape (n, d), of all processes."""
+    """Smallest and largest coordinates of points, shape (n, d), of all processes."""
     lowest, highest = -points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
     return -np.array([largest(comm, x) for x in lowest]), np.array([largest(comm, x) for x in highest])
 
@@ -198,11 +198,11 @@ class VortexTangent:
         return self.outside[..., :N_STATES] @ d_stream + self.by_circulation * d_circulation
 
     def circulation_vjp(self, bar: np.ndarray) -> float:
-        """Derivative with respect to the circulation, of those with respect to the states outside, (n_far, 5)."""
+        """Derivative with respect to the circulation, from derivatives by the states outside, (n_far, 5)."""
         return summed_number(self.vortex.halo.comm, np.vdot(self.by_circulation, bar))
 
     def stream_vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Derivatives with respect to the free stream, of this process's faces, of the same."""
+        """Derivatives with respect to the free stream, from the same, for this process's faces."""
         return np.einsum("fnm,fn->m", self.outside[..., :N_STATES], bar) + self.by_stream * np.vdot(
             self.by_circulation, bar
         )

@@ -1,6 +1,6 @@
 """Fields of a flow for pictures: pressures, Mach number, velocity, entropy and loss of total pressure.
 
-On nodes and cells of all blocks and on the walls, in the forms that ParaView and Tecplot read.
+On nodes and cells of all blocks and on the walls, in the formats of ParaView and Tecplot.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -31,9 +31,9 @@ def field_values(
 ) -> dict[str, np.ndarray]:
     """Compute the fields of states."""
     # Returns by name: ``Cp``; ``Mach``; ``velocity``, shape (n, 3), relative to the speed of the free stream;
-    # ``density``, relative to that of the free stream; ``entropy`` above that of the free stream, divided by the
-    # specific heat at constant volume; ``total_pressure_loss``, the total pressure that is lacking relative to that of
-    # the free stream. The last two are zero in flow without shocks and without errors.
+    # ``density``, relative to the free stream; ``entropy`` above the free stream, divided by the specific heat at
+    # constant volume; ``total_pressure_loss``, the loss of total pressure relative to that of the free stream. The last
+    # two are zero in flow without shocks and without errors.
     pressure, local = GAMMA * states[:, 4], mach_numbers(states)
     total = pressure * _total(local) / _total(mach)
     return {
@@ -55,7 +55,7 @@ def node_means(
     topology: Topology,  # how the blocks are joined
     values: np.ndarray,  # (n_cells, n), blocks in order, each in C order
 ) -> np.ndarray:  # (n_nodes, n)
-    """Means at every node of the values of the cells around it, those beyond interfaces included."""
+    """Means at every node of the values of the cells around it, including cells beyond interfaces."""
     rows = source_rows(node_copies(topology), np.arange(topology.n_nodes))
     sums, counts = np.zeros((topology.n_nodes, values.shape[1])), np.zeros(topology.n_nodes)
     layout = topology.layout
@@ -76,10 +76,10 @@ def write_flow(
     wall_pressures: np.ndarray,  # (n_wall,), pressure coefficients on the wall faces
     mach: float,  # mach number of the free stream
 ) -> None:
-    """Write the fields of a flow, on nodes and cells, and those on the walls beside them, for ParaView or Tecplot."""
-    # ``path`` is the file of the blocks; that of the walls has ``_walls`` after its name, see `wall_path`. Cells have
-    # those of `bspline_mdao.grids.cells.cell_fields` as well. Faces of walls have the fields of the cells behind them,
-    # but their own pressures.
+    """Write the fields of a flow, on nodes and cells, and in a second file on the walls, for ParaView or Tecplot."""
+    # ``path`` is the file of the blocks; the file of the walls has ``_walls`` after its name, see `wall_path`. Cells
+    # also have the fields of `bspline_mdao.grids.cells.cell_fields`. Faces of walls have the fields of the cells behind
+    # them, but their own pressures.
     write = writer_of(path)
     on_cells, on_nodes = field_values(states, mach), field_values(node_means(topology, states), mach)
     layout = topology.layout
@@ -89,7 +89,7 @@ def write_flow(
 
 
 def wall_path(path: str | os.PathLike) -> Path:
-    """Path of the file of the walls beside that of a flow.
+    """Path of the file of the walls next to the file of a flow.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def _write_walls(
     fields: Mapping[str, Sequence[np.ndarray]],
     pressures: np.ndarray,
 ) -> None:
-    """Write the faces of the walls, with the pressures that act on them, in the order of these: patch after patch."""
+    """Write the faces of the walls with their pressures, in the order of the pressures: patch after patch."""
     walls = [face for face in topology.boundary if face.kind == "wall"]
     walls = [face for name in dict.fromkeys(face.patch for face in walls) for face in walls if face.patch == name]
     rows = [face_rows(topology, face.window) for face in walls]

@@ -40,10 +40,10 @@ class FlowGrid:
 
     discretization: Discretization  # on the baseline, see `at`
     axes: np.ndarray  # (3, 3), rows are the directions downstream, along the span, and up
-    walls: Walls  # those of all processes
+    walls: Walls  # walls of all processes
     irregular_faces: IrregularFaces  # faces with weights of their own
     face_sizes: np.ndarray  # (n_faces,), areas of the faces of the baseline (m^2)
-    corners: Halo = ALONE  # exchange of nodes with other processes. All arrays of nodes are those of this process.
+    corners: Halo = ALONE  # exchange of nodes with other processes; all arrays of nodes are local to this process
 
     @classmethod
     def of(
@@ -52,7 +52,7 @@ class FlowGrid:
         nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m), of the subdomain of this process
         axes: str = "xzy",  # axes of the grid that point downstream, along the span, and up
         *,
-        partition: Partition | None = None,  # who has which cells, where there are several processes
+        partition: Partition | None = None,  # ownership of cells, if there are several processes
         comm: Any = ONE,  # the processes
         **settings: Any,  # of the `Discretization`
     ) -> FlowGrid:
@@ -81,7 +81,7 @@ class FlowGrid:
 
     @cached_property
     def pattern(self) -> FactorPattern:
-        """Pattern of the preconditioner; found when a flow is first solved."""
+        """Pattern of the preconditioner, found when a flow is first solved."""
         return factor_pattern(self.discretization, self.face_sizes)
 
     def __repr__(self) -> str:
@@ -111,7 +111,7 @@ class FlowGrid:
         return int(summed_number(self.comm, self.faces.n_cells))
 
     def extent(self, nodes: np.ndarray) -> float:
-        """Length (m) of the longest side of the box that is about all nodes."""
+        """Length (m) of the longest side of the bounding box of all nodes."""
         ends = np.stack([nodes, -nodes]).max(axis=1, initial=-np.inf)
         if self.comm.size > 1:
             ends = np.max(self.comm.allgather(ends), axis=0)
@@ -138,8 +138,8 @@ class FlowGrid:
 
     def nodes_jvp(
         self,
-        nodes: np.ndarray,  # (n_nodes, 3), where it is differentiated (m)
-        tangent: Linearization,  # there, of what `at` returns
+        nodes: np.ndarray,  # (n_nodes, 3), point of differentiation (m)
+        tangent: Linearization,  # the linearization of `at` there
         d_nodes: np.ndarray,  # (n_nodes, 3), the direction (m)
     ) -> np.ndarray:
         """Change of the residual, shape (n_cells, 5), with the nodes, shape (n_nodes, 3)."""
@@ -150,7 +150,7 @@ class FlowGrid:
         return change
 
     def nodes_vjp(self, nodes: np.ndarray, tangent: Linearization, bar: np.ndarray) -> np.ndarray:
-        """Transposed product of `nodes_jvp`: rows of the residual, shape (n_cells, 5), to nodes, shape (n_nodes, 3)."""
+        """Transposed product of `nodes_jvp`: from rows of the residual, (n_cells, 5), to nodes, (n_nodes, 3)."""
         change = self.areas_vjp(nodes, tangent.area_vjp(bar))
         if self.irregular_faces.n_of_grid:
             weights_bar = mean_vjp(tangent, self.irregular_faces.ids, bar)
@@ -159,9 +159,9 @@ class FlowGrid:
 
 
 def area_vectors(nodes: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Area vectors (m^2), shape (n_faces, 3), of the nodes, shape (n_nodes, 3), at corners, shape (n_faces, 4)."""
-    # Half the cross product of the diagonals: the parts of the boundary edges of neighbouring faces cancel, whatever
-    # the nodes, so that the area vectors of a cell sum to zero and uniform flow is a solution on any grid.
+    """Area vectors (m^2), shape (n_faces, 3), from the nodes, shape (n_nodes, 3), at corners, shape (n_faces, 4)."""
+    # Half the cross product of the diagonals: the contributions of the boundary edges of neighbouring faces cancel for
+    # any nodes, so the area vectors of a cell sum to zero and uniform flow is a solution on any grid.
     return quads.area_vectors(nodes[corners])
 
 

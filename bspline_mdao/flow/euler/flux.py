@@ -1,7 +1,7 @@
-r"""Flux through one face: a central one, and dissipation by the matrix of Roe.
+r"""Flux through one face: a central flux, and dissipation by Roe's matrix.
 
 With the mean state :math:`\bar w = (\rho, u, p)` at the face, the jump :math:`\delta w` that is dissipated, and the
-area vector S, all speeds are times the area: :math:`U = u \cdot S`, :math:`A = a |S|`,
+area vector S, all speeds are multiplied by the area: :math:`U = u \cdot S`, :math:`A = a |S|`,
 
 .. math::
     G = \begin{pmatrix} \rho U \\ \rho U u + p S \\ \rho U H \end{pmatrix} - \frac12 \left(
@@ -13,12 +13,12 @@ area vector S, all speeds are times the area: :math:`U = u \cdot S`, :math:`A = 
     Q = \sigma \, \delta p / (\rho a^2) + \Delta \, \delta U / A,
 
 with :math:`\sigma = (\lambda_+ + \lambda_-)/2 - \lambda_0` and :math:`\Delta = (\lambda_+ - \lambda_-)/2` of the
-moduli :math:`\lambda = \sqrt{x^2 + (\epsilon A)^2}` of :math:`U` and :math:`U \pm A`, rounded off by an entropy fix:
-with f = 1 the product of Roe's absolute Jacobian with the jump, and differentiable everywhere. The factor
-:math:`f = M^2 / \sqrt{1 + M^4}` of the local Mach number M keeps jumps of the normal velocity from being dissipated at
-the speed of sound where the flow is slow, as about stagnation points: that costs most of the spurious drag. At shocks
-it is blended into one, and the flux of the mean state into the products of means of mass flux, velocity and total
-enthalpy: across a steady shock the first and the last are constant, so that nothing is left to overshoot.
+moduli :math:`\lambda = \sqrt{x^2 + (\epsilon A)^2}` of :math:`U` and :math:`U \pm A`, rounded by an entropy fix:
+with f = 1 it is the product of Roe's absolute Jacobian with the jump, and differentiable everywhere. The factor
+:math:`f = M^2 / \sqrt{1 + M^4}` of the local Mach number M prevents jumps of the normal velocity from being dissipated
+at the speed of sound where the flow is slow, as near stagnation points, which causes most of the spurious drag. At
+shocks the factor is blended into one, and the flux of the mean state into the products of means of mass flux, velocity
+and total enthalpy: across a steady shock the first and the last are constant, so nothing is left to overshoot.
 
 References
 ----------
@@ -27,7 +27,7 @@ P. L. Roe, "Approximate Riemann solvers, parameter vectors, and difference schem
 (1995), 2050-2057, for this form of the product. F. Rieper, "A low-Mach number fix for Roe's approximate Riemann
 solver", J. Comput. Phys. 230 (2011), 5263-5287, for the factor, there min(1, M).
 
-Its derivatives are written from it by ``tools/differentiate.py``, see `.flux_derivatives`.
+Its derivatives are generated from it by ``tools/differentiate.py``, see `.flux_derivatives`.
 
 Theory: ``docs/theory/euler.rst`` and ``docs/theory/euler_transonic.rst``.
 """
@@ -40,7 +40,7 @@ from numba import njit
 from .gas import GAMMA
 
 ROUNDING = 0.05
-"""Wave speeds below this part of the speed of sound are rounded off: epsilon of the entropy fix, which keeps the flux
+"""Wave speeds below this fraction of the speed of sound are rounded: epsilon of the entropy fix, which keeps the flux
 differentiable."""
 
 CV = 1.0 / (GAMMA - 1.0)

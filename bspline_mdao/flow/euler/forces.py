@@ -1,7 +1,7 @@
-"""What a flow has for outputs, from the states of all cells: pressures and forces on walls, and what is seen far away.
+"""The outputs of a flow from the states of all cells: pressures and forces on walls, and far-field drag.
 
-To add what is made of the states, add what computes it to `KERNELS`; what is made of the forces on walls goes to those
-of `bspline_mdao.flow.loads.wing_coefficients`.
+To add a function of the states, add its kernel to `KERNELS`; functions of the forces on walls go to the kernels of
+`bspline_mdao.flow.loads.wing_coefficients`.
 
 Theory: ``docs/theory/euler.rst`` and ``docs/theory/far_field.rst``.
 """
@@ -39,7 +39,7 @@ _FLAT = 1e-6
 class StateKernel(Protocol):
     """Functionals of the states, shape (n_cells, 5), the nodes (m), the angle of attack (rad) and the Mach number."""
 
-    # Of several processes, each gives its cells and nodes.
+    # Each of several processes gives its cells and nodes.
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -68,27 +68,27 @@ class StateKernel(Protocol):
 
 
 KERNELS: dict[str, Callable[[FlowGrid, float], StateKernel]] = {"entropy": EntropyCoefficient.of}
-"""What makes kernels of a grid and a reference area (m^2), by the names that the table of functionals has for them."""
+"""Makers of kernels from a grid and a reference area (m^2), by their names in the table of functionals."""
 
 
 @dataclass(frozen=True, eq=False)
 class FlowForces:
-    """The functionals of a flow: pressures on walls, `WingCoefficients` of these, and what is made of the states."""
+    """The functionals of a flow: pressures on walls, their `WingCoefficients`, and functions of the states."""
 
     walls: Walls  # the walls of all processes
     pressure: WallPressure  # ``Cp``
     wing: WingCoefficients  # of the forces on walls
-    kernels: tuple[StateKernel, ...]  # of the states
+    kernels: tuple[StateKernel, ...]  # functions of the states
 
     @classmethod
     def of(
         cls,
         flow: FlowGrid,  # its faces and axes
         nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m)
-        area: float,  # area, chord: reference area (m^2) of what the grid shows, and chord (m)
+        area: float,  # area, chord: reference area (m^2) of the modelled part, and chord (m)
         chord: float = 1.0,
-        reference: Sequence[float] = (0.0, 0.0, 0.0),  # point that moments are taken about (m)
-        # of bool, hinge moments, and which wall faces belong to the patches of each
+        reference: Sequence[float] = (0.0, 0.0, 0.0),  # reference point of moments (m)
+        # of bool, hinge moments, and the wall faces of the patches of each
         hinges: Sequence[tuple[HingeMoment, np.ndarray]] = (),
     ) -> FlowForces:
         """Find the walls, the strips of the wing and the far field of a grid."""
@@ -112,8 +112,8 @@ class FlowForces:
 
     def evaluate(
         self,
-        states: np.ndarray,  # (n_cells, 5), states of all cells; here and below, those of this process
-        nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid (m), as well
+        states: np.ndarray,  # (n_cells, 5), states of the cells; here and below, of this process
+        nodes: np.ndarray,  # (n_nodes, 3), nodes of this process (m)
         alpha: float,  # alpha, mach: angle of attack (rad) and Mach number
         mach: float,
     ) -> dict[str, np.ndarray]:
@@ -167,7 +167,7 @@ class FlowForces:
 
 
 def _planes_of_symmetry(flow: FlowGrid, nodes: np.ndarray) -> list[float]:
-    """Coordinates along the span of the planes of symmetry across it: one of a half wing, two of an infinite one."""
+    """Coordinates along the span of the planes of symmetry across it: one for a half wing, two for an infinite one."""
     corners = flow.faces.corners_of("symmetry")
     span, sizes = (flow.corners.extend(nodes) @ flow.axes[1])[corners], flow.extent(nodes)
     across = span.max(axis=1, initial=-np.inf) - span.min(axis=1, initial=np.inf) < _FLAT * sizes
@@ -180,9 +180,9 @@ def _planes_of_symmetry(flow: FlowGrid, nodes: np.ndarray) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class WallPressure:
-    """Pressure coefficients on the wall faces, from the pressures that their fluxes have."""
+    """Pressure coefficients on the wall faces, from the pressures in their fluxes."""
 
-    cells: np.ndarray  # (n_own, 3) of int, cells that the pressure of a face of this process is extrapolated from
+    cells: np.ndarray  # (n_own, 3) of int, cells from which the pressure of a face of this process is extrapolated
     weights: np.ndarray  # (n_own, 3), their weights
     halo: Halo  # exchange of cells with other processes
     walls: Walls  # the walls of all processes
@@ -195,7 +195,7 @@ class WallPressure:
         return cls(stencil.cells[wall, :3], weights[:, :3], flow.discretization.halo, flow.walls)
 
     def evaluate(self, states: np.ndarray, mach: float) -> np.ndarray:
-        """Pressure coefficients, shape (n_wall,), of states, shape (n_cells, 5), at a Mach number."""
+        """Pressure coefficients, shape (n_wall,), from states, shape (n_cells, 5), at a Mach number."""
         pressures = self._extrapolated(states)
         return (pressures - 1.0 / GAMMA) / (0.5 * mach**2)
 

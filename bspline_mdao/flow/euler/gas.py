@@ -1,6 +1,6 @@
 """The perfect gas and its free stream.
 
-States are primitive, ``(rho, u, v, w, p)``, relative to the density and the speed of sound of the free stream: there
+States are primitive, ``(rho, u, v, w, p)``, relative to the density and the speed of sound of the free stream: in it
 ``rho = 1``, ``p = 1/GAMMA`` and the speed is the Mach number.
 
 Theory: ``docs/theory/euler.rst``.
@@ -43,6 +43,6 @@ def mach_numbers(states: np.ndarray) -> np.ndarray:
 def critical_pressure(
     mach: float,  # of the free stream
 ) -> float:
-    """Pressure coefficient where flow without losses has the speed of sound: above it, it is supersonic."""
+    """Pressure coefficient at which flow without losses is sonic: at lower pressures it is supersonic."""
     ratio = (2.0 + (GAMMA - 1.0) * mach**2) / (GAMMA + 1.0)
     return float(2.0 / (GAMMA * mach**2) * (ratio ** (GAMMA / (GAMMA - 1.0)) - 1.0))

@@ -1,10 +1,10 @@
-"""The cells next to those of other processes, whose rows of the preconditioner are solved for together.
+"""The cells next to other processes, whose rows of the preconditioner are solved for together.
 
-A process eliminates the cells inside its part first, so that no fill leaves the part. What is left are equations of the
-border cells of all processes, one layer on each side of a cut. Each process takes those of its own border and, from
-their owners, of the cells of others that it sees, factors them, and keeps of a solution what is of its own: restricted
-additive Schwarz, but of the borders alone. Two processes have all of both borders, so that their factor is that of one
-process with another order of elimination.
+A process eliminates the cells inside its part first, so that no fill leaves the part. What remains are equations of the
+border cells of all processes, one layer on each side of a cut. Each process takes the equations of its own border and,
+from their owners, of the border cells of others that it sees, factors them, and keeps its own part of a solution:
+restricted additive Schwarz, but only for the borders. Two processes each have both borders, so their factor equals the
+factor of one process with another order of elimination.
 
 Theory: ``docs/theory/euler.rst``, "Several processes".
 """
@@ -37,10 +37,10 @@ __all__ = ["Border", "BorderedFactor"]
 
 @dataclass(frozen=True, eq=False)
 class Border:
-    """Border cells of a process with those of others that they see, and the pairs of them that have blocks."""
+    """Border cells of a process and the border cells of others that it sees, and their pairs that have blocks."""
 
-    # Own cells come first, in the order of their rows, and own pairs: those of two own cells, then those at the faces
-    # of the cut.
+    # Own cells come first, in the order of their rows, and own pairs: first pairs of two own cells, then pairs at the
+    # faces of the cut.
 
     # cells, pairs: exchange of rows of cells and of pairs
     cells: Halo
@@ -63,13 +63,13 @@ class Border:
         others: np.ndarray,
         ranks: np.ndarray,
     ) -> Border:
-        """Settle what is seen of the borders of others: all processes call it together."""
+        """Determine which borders of others are seen: all processes call it together."""
         cells, places = Halo.of(comm, n, ranks, others)
         left, right = np.append(inside[0], owned), np.append(inside[1], places)
         names = np.stack([cells.owners(), cells.extend(np.arange(n))])
         outgoing: list[Any] = [np.zeros((5, 0), int)] * comm.size
         for rank, rows in cells.sent:
-            is_seen = (names[0] > comm.rank) & (names[0] != rank)  # of two processes one tells what a third one may see
+            is_seen = (names[0] > comm.rank) & (names[0] != rank)  # one of two informs a third about what it may see
             is_seen[rows] = True
             at = np.flatnonzero(is_seen[left] & is_seen[right])
             outgoing[rank] = np.concatenate([at[None], names[:, left[at]], names[:, right[at]]])
@@ -85,7 +85,7 @@ class Border:
 
 
 def _find(names: np.ndarray, owners: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where cells are among those with given owners and numbers there, shape (2, n), and whether they are."""
+    """Places of cells among those with given owners and numbers there, shape (2, n), and whether they exist."""
     n = int(max(names[1].max(initial=0), numbers.max(initial=0))) + 1
     keys, wanted = names[0] * n + names[1], owners * n + numbers
     order = np.argsort(keys)
@@ -95,12 +95,12 @@ def _find(names: np.ndarray, owners: np.ndarray, numbers: np.ndarray) -> tuple[n
 
 @dataclass(frozen=True, eq=False)
 class BorderedFactor:
-    """Factor of the cells of a process, whose border cells are solved for with those of others."""
+    """Factor of the cells of a process, whose border cells are solved for together with other processes."""
 
-    # of the own cells: the last rows, those of the border, have entries in columns of inner cells alone, and blocks of
-    # one for pivots
+    # of the own cells: the last rows, those of the border, only have entries in columns of inner cells, and identity
+    # blocks for pivots
     inner: BlockFactor
-    # of the border cells that this process sees, of what elimination of the inner cells leaves there
+    # of the border cells that this process sees, after elimination of the inner cells
     outer: BlockFactor
     cells: Halo  # exchange of border cells
 
@@ -109,9 +109,9 @@ class BorderedFactor:
         cls,
         pattern: Pattern,  # of the own cells
         border: Border,
-        outer_pattern: Any,  # of the border cells that this process sees, made of the pairs of the border
+        outer_pattern: Any,  # of the border cells that this process sees, made from the pairs of the border
         # lower, upper: (n_entries + n_own_pairs, 5, 5), blocks at the entries of the pattern, then of the own pairs of
-        # border cells: of the rows of their left cells in ``lower``, of the right ones in ``upper``
+        # border cells: for the rows of their left cells in ``lower``, of the right ones in ``upper``
         lower: np.ndarray,
         upper: np.ndarray,
         diagonal: np.ndarray,  # (n, 5, 5), by rank
@@ -134,7 +134,7 @@ class BorderedFactor:
         return cls(inner, BlockFactor.of(outer_pattern, below, above, placed), border.cells)
 
     def into_transposed(self) -> BorderedFactor:
-        """Factor of the transpose, in the memory of this one, which is none any more."""
+        """Factor of the transpose, in the memory of this one, which becomes invalid."""
         return BorderedFactor(self.inner.into_transposed(), self.outer.into_transposed(), self.cells)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
@@ -150,7 +150,7 @@ class BorderedFactor:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _eliminate_diagonal(starts, columns, lower, upper, first, end, diagonal):
-    """Take from the diagonal blocks of border rows what elimination of the inner cells takes: ``A_ii - L_ik U_ki``."""
+    """Subtract the elimination of the inner cells from the diagonal blocks of border rows: ``A_ii - L_ik U_ki``."""
     for row in range(first, end):
         block = load_block(diagonal, 25 * row)
         for entry in range(starts[row], starts[row + 1]):
@@ -160,7 +160,7 @@ def _eliminate_diagonal(starts, columns, lower, upper, first, end, diagonal):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _eliminate(starts, columns, lower, upper, left, right, first, end, at_left, at_right):
-    """Take from the blocks of pairs of border rows what elimination of the inner cells takes."""
+    """Subtract the elimination of the inner cells from the blocks of pairs of border rows."""
     # ``A_ij - L_ik U_kj`` and ``A_ji - L_jk U_ki`` over the inner cells k that both rows have.
     for pair in range(first, end):
         i, j = left[pair], right[pair]
@@ -178,7 +178,7 @@ def _eliminate(starts, columns, lower, upper, left, right, first, end, at_left, 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _place(places, is_low, at_left, at_right, lower, upper):
-    """Add the blocks of pairs at their entries, those of the later row below the diagonal."""
+    """Add the blocks of pairs at their entries, blocks of the later row below the diagonal."""
     one = np.float32(1.0)
     for pair in range(len(places)):
         for n in range(0, 25, 5):

@@ -1,17 +1,17 @@
 r"""Weights of mean states at irregular faces: where grid lines turn or their spacing jumps.
 
-The mean ``(-a + 7 b + 7 c - d) / 12`` is of the centre of a face where grid lines are smooth. Where they are not, as
-about the edges of a wing in an H-H grid, it is of a point that is off by a part of a cell, and the flux of even a
-linear field is wrong by its gradient times that. With the places :math:`\mathbf{x}_k` of the four cells' centres from
-that of the face, the weights w are changed by :math:`\delta`, the sum of which is zero, such that
+The mean ``(-a + 7 b + 7 c - d) / 12`` is at the centre of a face if grid lines are smooth. If they are not, as near the
+edges of a wing in an H-H grid, it is at a point that is off by a fraction of a cell, and the flux of even a linear
+field is wrong by its gradient times this distance. With the places :math:`\mathbf{x}_k` of the centres of the four
+cells relative to the centre of the face, the weights w are changed by :math:`\delta`, with zero sum, such that
 
 .. math::
     \delta^2 + \mu \, \mathbf{e} \cdot \mathbf{M}^{-1} \mathbf{e} , \qquad
     \mathbf{e} = \sum_k (w_k + \delta_k) \, \mathbf{x}_k ,
 
-is least: distances count by the sizes of the two cells next to the face, whose edges :math:`\mathbf{h}_d` make
+is minimal: distances are relative to the sizes of the two cells next to the face, whose edges :math:`\mathbf{h}_d` make
 :math:`\mathbf{M} = \sum_d \mathbf{h}_d \mathbf{h}_d`. On smooth grids :math:`\delta` goes to zero as the square of the
-spacing. Which faces have weights of their own is settled on the baseline; their weights are functions of the nodes,
+spacing. The baseline determines which faces have weights of their own; their weights are functions of the nodes,
 differentiated here.
 
 Theory: ``docs/theory/euler.rst``.
@@ -44,24 +44,24 @@ from .reconstruction import Stencil
 __all__ = ["IrregularFaces"]
 
 SMALLEST = 0.01
-"""Changes of a weight that are smaller are not worth a class of faces of their own."""
+"""Smaller changes of a weight do not justify a class of faces of their own."""
 
 STRETCHED = 10.0
-"""Second length of a cell by its least: a grid with more at most of its walls keeps the weights of smooth lines, since
-with others Newton's steps do not converge on the spacing of boundary layers."""
+"""Ratio of a cell's second length to its smallest: grids with larger ratios at most of their walls keep the weights of
+smooth lines, since Newton's method does not converge with others on the spacing of boundary layers."""
 
 
 @dataclass(frozen=True, eq=False)
 class IrregularFaces:
     """Faces with weights of their own, and these as functions of the nodes. Made by `IrregularFaces.of`."""
 
-    # Nodes are those of this process and of others that it sees, and so are what is returned for them.
+    # Nodes are those of this process and of others that it sees, as are the adjoints returned for them.
 
     faces: CellFaces
     halo: Halo  # exchange of cells with other processes
     plain: Stencil  # with the weights of smooth lines
     ids: np.ndarray  # (n_irregular,) of int, numbers of the faces, all of them inner ones
-    n_of_grid: int  # number of those of all processes
+    n_of_grid: int  # number on all processes
 
     @classmethod
     def of(
@@ -71,7 +71,7 @@ class IrregularFaces:
         nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m)
         halo: Halo,  # exchange of cells with other processes
     ) -> IrregularFaces:
-        """Choose the faces by where their four cells are, where that is not where smooth lines have them."""
+        """Choose the faces whose four cells are not where smooth lines would have them."""
         every = cls(faces, halo, plain, np.arange(faces.n_inner), faces.n_inner)
         spreads = every._shapes(nodes)[-1]
         lengths = np.linalg.eigvalsh(spreads[faces.left[faces.faces_of("wall")]])
@@ -129,7 +129,7 @@ class IrregularFaces:
         return middles, areas, *self._seen(cell_shapes(middles, areas, *self._sides))
 
     def _seen(self, shapes: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-        """Arrays of cells, those of other processes taken from there."""
+        """Arrays of cells, extended by the cells of other processes."""
         return tuple(self.halo.extend(np.ascontiguousarray(self.halo.cut(part))) for part in shapes)
 
 
@@ -170,7 +170,7 @@ def weight_changes_jvp(cells, weights, middles, centres, spreads, d_middles, d_c
 
 @njit(cache=True, error_model="numpy")
 def weight_changes_vjp(cells, weights, middles, centres, spreads, bar):
-    """Transposed product of `weight_changes_jvp`: what middles, centres and spreads get."""
+    """Transposed product of `weight_changes_jvp`: adjoints of middles, centres and spreads."""
     middles_bar, centres_bar, spreads_bar = np.zeros_like(middles), np.zeros_like(centres), np.zeros_like(spreads)
     for f in range(len(cells)):
         near, changed, (has_first, has_last) = cells[f], _four(weights, f), _are_there(cells[f])
@@ -192,7 +192,7 @@ def weight_changes_vjp(cells, weights, middles, centres, spreads, bar):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _face(f, near, middles, centres, spreads):
-    """What `free_changes` takes of a face."""
+    """The arguments of `free_changes` for a face."""
     one, other = spreads[near[1]], spreads[near[2]]
     spread = (
         add(row(one, 0), row(other, 0)),
@@ -205,7 +205,7 @@ def _face(f, near, middles, centres, spreads):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _are_there(near):
-    """Whether the first and the last of four cells are no stand-ins for missing ones, as numbers."""
+    """Whether the first and the last of four cells exist, rather than standing in for missing ones, as numbers."""
     return (1.0 if near[0] != near[1] else 0.0), (1.0 if near[3] != near[2] else 0.0)
 
 

@@ -11,31 +11,31 @@ from numba import njit
 from ...base.numerics.vectors import dot, less
 
 WORTH = 100.0
-"""Weight of the square of a distance in cells, mu: one tenth is worth a change of the weights by one."""
+"""Weight of the square of a distance in cells, mu: a tenth of a cell counts like a change of the weights of one."""
 
 LARGEST = 0.5
-"""Changes of a weight are kept below this."""
+"""Upper bound of changes of a weight."""
 
 OUTER = 0.25
-"""Most that the two outer cells weigh together. With more, the mean of what alternates along the line has the wrong
+"""Largest total weight of the two outer cells. Above it, the mean of an alternating field along the line has the wrong
 sign, cos(x) (1 - 4 OUTER sin(x)^2) < 0 at some phase x from a face to the next cells, and such waves run backwards."""
 
 ROUNDED = 1e-12
-"""What is added to the diagonal of the matrix of a face, by its trace, so that it has an inverse."""
+"""Addition to the diagonal of the matrix of a face, relative to its trace, that makes it invertible."""
 
 
 @njit(cache=True, error_model="numpy")
 def free_changes(
-    # centre of the face, those of the four cells (m), and the sum of the squares of the edges of the middle two (m^2),
-    # as rows
+    # centre of the face, centres of the four cells (m), and the sum of the squares of the edges of the middle two
+    # (m^2), as rows
     face: tuple,
     weights: tuple,  # weights of smooth lines
-    # has_first, has_last: 1.0 where the first and the last cell are no stand-ins for missing ones, else 0.0
+    # has_first, has_last: 1.0 if the first and the last cell exist, 0.0 if they stand in for missing ones
     has_first: float,
     has_last: float,
 ) -> tuple:
-    """Changes of the four weights with no bound on them, and the determinant of the matrix of the face."""
-    # They are there where the determinant is positive.
+    """Changes of the four weights without bounds, and the determinant of the matrix of the face."""
+    # They exist if the determinant is positive.
     middle, a, b, c, d, spread = face
     p, q, r, s = less(a, middle), less(b, middle), less(c, middle), less(d, middle)
     miss = _sum(p, q, r, s, weights[0], weights[1], weights[2], weights[3])
@@ -78,9 +78,9 @@ def free_changes(
 
 @njit(cache=True, error_model="numpy")
 def bounded_changes(free, weights, is_more):
-    """Changes of the weights, kept below what is allowed; ``is_more`` is 1.0 where the outer two gain, else 0.0."""
-    # Their factor ``(1 + sum_k (free_k / LARGEST)^8 + (outer / room)^8)^(-1/8)`` is smooth, and 1 to 0.05 % up to half
-    # of both.
+    """Changes of the weights within their bounds; ``is_more`` is 1.0 if the outer two gain, else 0.0."""
+    # Their factor ``(1 + sum_k (free_k / LARGEST)^8 + (outer / room)^8)^(-1/8)`` is smooth, and 1 within 0.05 % up to
+    # half of both bounds.
     beyond = is_more * _eighth((free[0] + free[3]) / (OUTER - weights[0] - weights[3]))
     inner = _eighth(free[0] / LARGEST) + _eighth(free[1] / LARGEST) + _eighth(free[2] / LARGEST)
     total = 1.0 + inner + _eighth(free[3] / LARGEST) + beyond
@@ -99,7 +99,7 @@ def _sum(p, q, r, s, a, b, c, d):
 
 @njit(cache=True, error_model="numpy")
 def _eighth(x):
-    """Eighth power; that of a complex number keeps a small imaginary part, as ``**`` does not."""
+    """Eighth power; for a complex number it keeps a small imaginary part, which ``**`` loses."""
     square = x * x
     fourth = square * square
     return fourth * fourth

@@ -1,8 +1,8 @@
 """Linear systems in the states of all cells: GMRES, preconditioned from the right, and refinement of its solutions.
 
-Every process has the rows of its own cells. Those of a basis are made orthogonal to all others at once, so that a step
-sums one short list of numbers over the processes, or two where the first pass leaves less than seven tenths
-of a vector.
+Every process has the rows of its own cells. Each new basis vector is orthogonalised against all others at once, so a
+step sums one short list of numbers over the processes, or two if the first pass leaves less than seven tenths of a
+vector.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -25,14 +25,14 @@ __all__ = ["KrylovSolution", "solve_refined", "solve_roughly", "solve_system"]
 
 
 RESTART = 30
-"""Vectors after which GMRES starts again: more save few products and take 20 bytes per cell each."""
+"""Restart length of GMRES: more vectors save few products and take 20 bytes per cell each."""
 
 LONG, SLOW = 60, 0.5
-"""Vectors of the cycles that follow one which leaves more than this part of its residual: systems about cells with the
-spacing of boundary layers need them, and others have the memory to themselves."""
+"""Restart length after a cycle that leaves more than this fraction of its residual: systems about cells with the
+spacing of boundary layers need it, and others save the memory."""
 
 PIECE = 2_048
-"""Numbers of a vector at a time, which stay in the nearest cache while those of the basis pass by."""
+"""Numbers of a vector per piece, which stay in the nearest cache while the basis is read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class KrylovSolution:
     x: np.ndarray  # (n_cells, 5)
     n_products: int  # products with the matrix
     is_converged: bool  # whether the tolerance was reached
-    left: float  # norm of the residual relative to that of the right-hand side
+    left: float  # norm of the residual relative to the right-hand side
 
 
 def solve_system(
@@ -56,29 +56,18 @@ def solve_system(
 ) -> KrylovSolution:
     """Solve a linear system in the states of all cells by GMRES [1], restarted and preconditioned from the right.
 
-    From the right, so that the residual that ends it is the true one. From the first vector of a cycle, the residual:
+    Preconditioning from the right makes the residual of the stopping test the true one. From the first vector of a
+    cycle, the residual:
 
-    1. Multiply the last vector by preconditioner and matrix, and take it away: both products are nearly the vector, and
-       what is small beside it would be lost. The space is the same, and so is the triangle but for a one.
-    2. Take its parts along all others away by classical Gram and Schmidt, in a second pass those that rounding left
-       [2].
-    3. Rotate the new column of the triangle; what is left of the residual is the least that these vectors allow.
-    4. Go on until it is small enough or the cycle is full; solve for the weights of the vectors.
+    1. Multiply the last vector by preconditioner and matrix, and subtract it: both products are nearly the vector, and
+       small parts would be lost next to it. The space is the same, and so is the triangle but for a one.
+    2. Subtract its components along all others by classical Gram-Schmidt, with a second pass for what rounding left
+    [2]. 3. Rotate the new column of the triangle; the remaining residual is the smallest that these vectors allow. 4.
+    Repeat until it is small enough or the cycle is full; solve for the weights of the vectors.
 
-    Parameters
-    ----------
-    product, precondition : callable
-        Product with the matrix and approximate solution with it, of arrays of the shape of ``right``.
-    right : ndarray, shape (n_cells, 5)
-        Right-hand side; rows of the cells of this process. All vectors are of its precision.
-    tolerance : float
-        Norm of the residual relative to that of the right-hand side.
-    max_products : int
-        No cycle is begun that could take more products with the matrix in all, but for the first.
-    comm : communicator
-        The processes.
-    most_left : float
-        Part of the residual that a cycle may leave; the solve is given up where one leaves more.
+    All vectors have the rows of this process's cells and the precision of ``right``. The tolerance is for the norm of
+    the residual relative to ``right``. Except for the first, no cycle starts that could exceed ``max_products`` in
+    total. The solve is abandoned after a cycle that leaves more than the fraction ``most_left`` of the residual.
 
     References
     ----------
@@ -95,7 +84,7 @@ def solve_system(
     target = tolerance * size
     y, rest = np.zeros(right.size, right.dtype), right.ravel()
     basis = np.empty((RESTART + 1, right.size), right.dtype)
-    with one_blas_thread:  # on a busy machine its threads only wait for each other
+    with one_blas_thread:  # on a busy machine its threads would only wait for each other
         while not n_products or n_products + len(basis) <= max_products:
             if n_products:
                 rest, n_products = right.ravel() - apply(y), n_products + 1
@@ -108,7 +97,7 @@ def solve_system(
             if not len(weights) or left <= target or left > most_left * before:
                 break
             if left > SLOW * before and len(basis) <= LONG:
-                del basis  # it makes room for the longer one
+                del basis  # free memory for the longer one
                 basis = np.empty((LONG + 1, right.size), right.dtype)
     x, part = precondition(y.reshape(right.shape)), left / size if size else 0.0
     return KrylovSolution(x, n_products, left <= target, part)
@@ -122,7 +111,7 @@ def _cycle(
     target: float,
     comm: Any,
 ) -> tuple[np.ndarray, float]:
-    """Weights of the vectors that reduce the residual most, steps 1 to 4, and what they leave of it."""
+    """Weights of the vectors that reduce the residual most, steps 1 to 4, and the residual that they leave."""
     most = len(basis) - 1
     triangle, rotations, reduced = np.zeros((most, most)), np.zeros((most, 2)), np.zeros(most + 1)
     basis[0], reduced[0], n = rest / beta, beta, 0
@@ -147,12 +136,12 @@ def _cycle(
 
 
 def _orthogonalize(basis: np.ndarray, vector: np.ndarray, comm: Any, out: np.ndarray) -> tuple[np.ndarray, float]:
-    """Take the last of orthonormal vectors away from a product, then its parts along all of them, and normalise it."""
-    # Returns these parts, and the length of what is left; the product is written over.
+    """Subtract the last of orthonormal vectors from a product, then its components along all, and normalise it."""
+    # Returns these components, and the length of the rest; the product is overwritten.
     last = np.zeros(len(basis), vector.dtype)
     last[-1] = 1.0
     parts, square, left = _parts(summed(comm, _subtract_and_multiply(basis, last, vector)))
-    if left < 0.5 * square:  # rounding of what was taken away shows, the criterion of [2] of `solve_system`
+    if left < 0.5 * square:  # cancellation shows, the criterion of [2] of `solve_system`
         rest, _, left = _parts(summed(comm, _subtract_and_multiply(basis, parts.astype(vector.dtype), vector)))
         parts, away = parts + rest, rest
     else:
@@ -164,16 +153,16 @@ def _orthogonalize(basis: np.ndarray, vector: np.ndarray, comm: Any, out: np.nda
 
 
 def _parts(products: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """Parts of a vector along others, its square, and the square of what is left without them."""
+    """Components of a vector along others, its square, and the square of the rest without them."""
     parts, square = products[:-1], float(products[-1])
     return parts, square, square - float(parts @ parts)
 
 
 def _subtract_and_multiply(basis: np.ndarray, parts: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Take parts along others away, in place: products of what is left with them and, last, with itself."""
+    """Subtract components along others, in place: products of the rest with them and, last, with itself."""
     found = np.empty((-(-len(vector) // PIECE), len(basis) + 1), vector.dtype)
     _by_pieces(len(vector), lambda first, end: _multiply(basis, parts, vector, first, end, found))
-    return found.sum(axis=0, dtype=float)  # in the order of the pieces: the same bits on any number of threads
+    return found.sum(axis=0, dtype=float)  # in the order of the pieces: bitwise the same on any number of threads
 
 
 def _by_pieces(n: int, work: Callable[[int, int], None]) -> None:
@@ -183,7 +172,7 @@ def _by_pieces(n: int, work: Callable[[int, int], None]) -> None:
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "nsz", "reassoc"})
 def _multiply(basis, parts, vector, first, end, found):
-    """Do what `_subtract_and_multiply` does in a range of pieces, and write the sums of each."""
+    """Do the work of `_subtract_and_multiply` for a range of pieces, and write the sums of each."""
     n = len(basis)
     for piece in range(first, end):
         at = slice(piece * PIECE, min(len(vector), (piece + 1) * PIECE))
@@ -196,7 +185,7 @@ def _multiply(basis, parts, vector, first, end, found):
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "nsz", "reassoc"})
 def _subtract_and_scale(basis, parts, vector, factor, first, end, out):
-    """Take parts along the vectors away in a range of pieces, in place, and write what is left times a factor."""
+    """Subtract components along the vectors in a range of pieces, in place, and write the rest times a factor."""
     for piece in range(first, end):
         at = slice(piece * PIECE, min(len(vector), (piece + 1) * PIECE))
         left = vector[at]
@@ -215,7 +204,7 @@ def _product(u, v):
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "nsz", "reassoc"})
 def _subtract(basis, parts, at, left):
-    """Take parts along the vectors away in a piece, four vectors at a time but for those whose part is nought."""
+    """Subtract components along the vectors in a piece, four vectors at a time, skipping zero components."""
     first = 0
     while first < len(parts) and parts[first] == 0.0:
         first += 1
@@ -240,10 +229,7 @@ def solve_roughly(
     comm: Any = ONE,
     most_left: float = np.inf,
 ) -> KrylovSolution:
-    """Solve a linear system in single precision, whatever the size of its right-hand side; the solution is in double.
-
-    Parameters are those of `solve_system`; products are of float32.
-    """
+    """Solve a system in single precision at any scale, see `solve_system`; the solution is in double precision."""
     size = norm(right, comm)
     unit = (right / size).astype(np.float32)
     solution = solve_system(product, precondition, unit, tolerance, max_products, comm, most_left)
@@ -256,33 +242,23 @@ def solve_refined(
     # approximate solution with it
     rough_product: Callable,
     precondition: Callable,
-    right: np.ndarray,  # right, tolerance, max_products, comm: see `solve_system`; products are those of both kinds
+    right: np.ndarray,  # right, tolerance, max_products, comm: see `solve_system`; products count both kinds
     tolerance: float,
     max_products: int = 4000,
     comm: Any = ONE,
     scale: np.ndarray | float = 1.0,
 ) -> KrylovSolution:
-    """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves.
+    """Solve a linear system whose matrix is of order one, to a tolerance or to rounding.
 
     Iterative refinement, of solutions in single precision by residuals in double precision:
 
-    1. Find the true residual of the solution so far.
-    2. End where it is small enough, or where the last correction has not halved it.
+    1. Compute the true residual of the current solution.
+    2. Stop if it is small enough, or if the last correction has not halved it.
     3. Solve for a correction in single precision, and add it.
 
-    Parameters
-    ----------
-    product : callable
-        Product with the matrix, in double precision.
-    rough_product, precondition : callable
-        Product with a matrix that is the same up to rounding in single precision, and approximate solution with it.
-    right, tolerance, comm
-        See `solve_system`.
-    max_products : int
-        Products of both kinds at most: the adjoint of the lift about a C-grid with the spacing of a boundary layer
-        takes 2,450. Where corrections gain nothing it ends long before.
-    scale : ndarray, shape (n_cells, 1), or float
-        What unknowns are multiplied by in the system whose matrix is of the size of one.
+    ``max_products`` limits the products of both kinds: the adjoint of the lift about a C-grid with the spacing of a
+    boundary layer takes 2,450. If corrections have no effect it stops long before. ``scale``, shape (n_cells, 1) or a
+    float, multiplies the unknowns in the system whose matrix is of order one.
     """
     x, rest, n_products, before = np.zeros_like(right), right, 0, np.inf
     size = norm(right, comm)
@@ -290,10 +266,10 @@ def solve_refined(
     while True:
         left = norm(rest, comm)
         if left <= asked or left > 0.5 * before or n_products >= max_products:  # step 2
-            rounding = 16.0 * float(np.finfo(float).eps) * norm(scale * x, comm)  # of a matrix of the size of one
+            rounding = 16.0 * float(np.finfo(float).eps) * norm(scale * x, comm)  # of a matrix of order one
             is_converged = bool(left <= max(asked, rounding))
             return KrylovSolution(x, n_products, is_converged, left / size if size else 0.0)
-        part = max(0.5 * asked / left, 1e-4)  # what one run in single precision can be asked for
+        part = max(0.5 * asked / left, 1e-4)  # the most that one solve in single precision can achieve
         correction = solve_roughly(rough_product, precondition, rest, part, max_products - n_products, comm)  # step 3
         x, n_products, before = x + correction.x, n_products + correction.n_products + 1, left
         rest = right - product(x)  # step 1

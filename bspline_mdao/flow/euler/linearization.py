@@ -1,7 +1,7 @@
 """Derivatives of the residual of steady flow: exact products.
 
-They differentiate the flux of every face again, in the one direction that is asked for, or backwards, and keep nothing.
-Krylov methods take products by the hundred; theirs are those of `.face_jacobians`.
+They differentiate the flux of every face on the fly, in the requested direction or in reverse, and store nothing.
+Krylov methods need hundreds of products, and use those of `.face_jacobians` instead.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -42,16 +42,16 @@ __all__ = ["Linearization", "through_face"]
 class Linearization:
     """Derivatives of the residual; methods `..._jvp` and `..._vjp` are exact products with its Jacobian."""
 
-    discretization: Any  # a type of its own would have the two files import each other
-    # (n_cells + n_ghosts, 5), where it is differentiated, with the cells of other processes. Must not change.
+    discretization: Any  # its own type would be a circular import
+    # (n_cells + n_ghosts, 5), point of linearization, with the cells of other processes; must not change
     states: np.ndarray
-    areas: np.ndarray  # (n_faces, 3), area vectors (m^2). Must not change.
+    areas: np.ndarray  # (n_faces, 3), area vectors (m^2); must not change
     outside: np.ndarray  # (n_faces, 5), states outside the far field, by the number of the face
-    vortex: VortexTangent | None  # derivatives of these states, where they are not the free stream
+    vortex: VortexTangent | None  # derivatives of these states, if they are not the free stream
 
     @cached_property
     def jacobians(self) -> FaceJacobians:
-        """Jacobians of the fluxes in single precision, found at the first call."""
+        """Jacobians of the fluxes in single precision, computed at the first call."""
         return FaceJacobians.of(self)
 
     def state_jvp(self, d_states: np.ndarray) -> np.ndarray:
@@ -101,7 +101,7 @@ class Linearization:
         return self._sum_changes(*still, self.discretization.at_far_field(vortex.by_circulation))
 
     def _change(self, d_states: np.ndarray, d_areas: np.ndarray, d_stream: np.ndarray) -> np.ndarray:
-        """Change of the residual in a direction, which counts cells of other processes."""
+        """Change of the residual in a direction that includes cells of other processes."""
         d_far = self.vortex.outside_jvp(d_states, d_areas, d_stream) if self.vortex else d_stream
         return self._sum_changes(d_states, d_areas, self.discretization.at_far_field(d_far))
 
@@ -118,7 +118,7 @@ class Linearization:
         return self.discretization.sums.of_faces(flux, self.discretization.faces.n_cells)
 
     def _outside_bars(self, bar: np.ndarray) -> np.ndarray:
-        """What the states outside the far field, shape (n_far, 5), get of rows of the residual."""
+        """Adjoint of the states outside the far field, shape (n_far, 5), from rows of the residual."""
         vortex = self.discretization.vortex
         far = vortex.faces if vortex else np.flatnonzero(self.discretization.stencil.roles == FARFIELD)
         out = np.zeros((len(far), N_STATES))
@@ -126,11 +126,11 @@ class Linearization:
         return out
 
     def _seen(self, bar: np.ndarray) -> np.ndarray:
-        """Rows of the cells of this process, with none at those of others."""
+        """Rows of the cells of this process, with zeros for the cells of others."""
         return np.ascontiguousarray(self.discretization.halo.pad(bar))
 
     def at(self, part: slice | np.ndarray) -> tuple:
-        """What the kernels take, of a range or list of faces."""
+        """Arguments of the kernels for a range or list of faces."""
         return self.discretization.scheme.part(part), self.areas[part], self.states, self.outside[part]
 
 
@@ -167,7 +167,7 @@ def _moved(a, factor, b):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def through_face(scheme, f, bar):
-    """What the flux of a face gets of rows of the residual."""
+    """Adjoint of the flux of a face from rows of the residual."""
     b, c, inner = scheme.cells[f, 1], scheme.cells[f, 2], 1.0 if scheme.roles[f] == INNER else 0.0
     return (
         bar[b, 0] - inner * bar[c, 0],
@@ -180,7 +180,7 @@ def through_face(scheme, f, bar):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def state_contributions(scheme, areas, states, outside, bar, out):
-    """What the four cells at each face, shape (n_faces, 4, 5), get of rows of the residual."""
+    """Adjoints of the four cells at each face, shape (n_faces, 4, 5), from rows of the residual."""
     face_weight = np.zeros((2, 4))
     for f in range(len(out)):
         s, role = area_of(areas, f), scheme.roles[f]
@@ -208,7 +208,7 @@ def state_contributions(scheme, areas, states, outside, bar, out):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def area_bars(scheme, areas, states, outside, bar, out):
-    """What the area vectors, shape (n_faces, 3), get of rows of the residual."""
+    """Adjoints of the area vectors, shape (n_faces, 3), from rows of the residual."""
     for f in range(len(out)):
         s, role = area_of(areas, f), scheme.roles[f]
         if not has_area(s):
@@ -224,7 +224,7 @@ def area_bars(scheme, areas, states, outside, bar, out):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def outside_bars(scheme, areas, states, outside, bar, out):
-    """What the free stream gets of rows of the residual through faces of the far field, shape (n_faces, 5)."""
+    """Adjoint of the free stream from rows of the residual through faces of the far field, shape (n_faces, 5)."""
     for f in range(len(out)):
         s = area_of(areas, f)
         if not has_area(s):

@@ -18,7 +18,7 @@ __all__ = ["mean_jvp", "mean_vjp"]
 
 
 def mean_jvp(
-    tangent: Linearization,  # where it is differentiated
+    tangent: Linearization,  # point of differentiation
     ids: np.ndarray,  # (n,) of int, numbers of inner faces
     d_weights: np.ndarray,  # (n, 4), change of the weights of their four cells
 ) -> np.ndarray:  # (n_cells, 5)
@@ -29,12 +29,12 @@ def mean_jvp(
 
 
 def mean_vjp(tangent: Linearization, ids: np.ndarray, bar: np.ndarray) -> np.ndarray:
-    """Transposed product of `mean_jvp`: rows of the residual, shape (n_cells, 5), to weights, shape (n, 4)."""
+    """Transposed product of `mean_jvp`: from rows of the residual, shape (n_cells, 5), to weights, shape (n, 4)."""
     return mean_bars(*_at(tangent, ids), np.ascontiguousarray(tangent.discretization.halo.pad(bar)))
 
 
 def _at(tangent: Linearization, ids: np.ndarray) -> tuple:
-    """What the kernels take."""
+    """Arguments of the kernels."""
     return tangent.discretization.scheme.part(ids), tangent.areas[ids], tangent.states
 
 
@@ -63,7 +63,7 @@ def mean_changes(scheme, areas, states, d_weights):
 
 @njit(cache=True, error_model="numpy")
 def mean_bars(scheme, areas, states, bar):
-    """What the weights of the mean states of inner faces, shape (n, 4), get of rows of the residual."""
+    """Adjoints of the weights of the mean states of inner faces, shape (n, 4), from rows of the residual."""
     out = np.zeros((len(areas), 4))
     for f in range(len(areas)):
         s = area_of(areas, f)
@@ -87,7 +87,7 @@ def _states(scheme, f, states):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _along(states, cells, d_weights, sigma, n):
-    """Change of a number of the mean state: that of two cells, at shocks, has no weights that change."""
+    """Change of a component of the mean state: at shocks, the mean of two cells, its weights do not change."""
     change = 0.0
     for k in range(4):
         change += d_weights[k] * states[cells[k], n]

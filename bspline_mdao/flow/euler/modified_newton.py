@@ -1,4 +1,4 @@
-"""Steady states near one that is known: Newton steps with a Jacobian and a factor that stay as they are.
+"""Steady states near a known one: Newton steps with a frozen Jacobian and preconditioner.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -25,31 +25,17 @@ def solve_nearby(
     areas: np.ndarray,  # (n_faces, 3), area vectors (m^2)
     stream: np.ndarray,  # (5,), the free stream
     *,
-    states: np.ndarray,  # (n_cells, 5), to start from: those of the flow nearby
+    states: np.ndarray,  # (n_cells, 5), to start from: the flow nearby
     tangent: FlowTangent,  # the Jacobian there, and its preconditioner
     tolerance: float = 1e-10,  # tolerance, max_steps, progress: see `solve_flow`
     max_steps: int = 100,
     settings: NewtonSettings = NEWTON,
     progress: Callable[[NewtonStep, np.ndarray], None] | None = None,
 ) -> FlowSolution:
-    """Solve for the steady flow from states near it, with the Jacobian of a flow nearby, without pseudo-time.
+    """Solve for the steady flow from nearby states, with the Jacobian of the nearby flow, without pseudo-time.
 
-    A small change of the shape changes the Jacobian by little: each step leaves as much of the residual as its linear
-    solve and that change. Where that is too much, or a step has to be cut, it ends with the best states so far.
-
-    Parameters
-    ----------
-    discretization : Discretization
-    areas : ndarray, shape (n_faces, 3)
-        Area vectors (m^2).
-    stream : ndarray, shape (5,)
-        The free stream.
-    states : ndarray, shape (n_cells, 5)
-        To start from: those of the flow nearby.
-    tangent : FlowTangent
-        The Jacobian there, and its preconditioner.
-    tolerance, max_steps, settings, progress
-        See `solve_flow`.
+    A small change of the shape changes the Jacobian little: each step leaves as much of the residual as its linear
+    solve and this change. If that is too much, or a step must be cut, it stops with the best states so far.
     """
     field = Field(discretization, areas, stream)
     scale, residual = field.scale(tolerance), field.residual(states)

@@ -37,17 +37,17 @@ class FlowSolution:
 
     states: np.ndarray  # (n_cells, 5)
     stream: np.ndarray  # (5,), the free stream
-    history: tuple[NewtonStep, ...]  # the first is the state at the start
-    tolerance: float  # residual that was asked for
+    history: tuple[NewtonStep, ...]  # the first is the initial state
+    tolerance: float  # requested residual
 
     @property
     def residual(self) -> float:
-        """Norm of the last residual, relative to that of the uniform stream."""
+        """Norm of the last residual, relative to the uniform stream's."""
         return self.history[-1].residual
 
     @property
     def is_converged(self) -> bool:
-        """Whether the residual is as small as asked for."""
+        """Whether the residual is within the tolerance."""
         return self.residual <= self.tolerance
 
 
@@ -69,32 +69,16 @@ def solve_flow(
     With the volumes divided by the time steps T, until the residual R is small enough:
 
     1. Linearise, and add time terms to the diagonal: ``A = T / CFL + dR/dW``.
-    2. Factor a compact neighbour of A for the preconditioner; from a moderate residual on, that of the last step stays.
-    3. Solve ``A dW = -R`` inexactly [1] [4] by GMRES.
-    4. Take as much of the step as keeps densities, pressures and the residual within bounds.
-    5. Let the CFL number grow as the residual falls, switched evolution relaxation [2] [3], or cut it where the
-       linear solve failed, the step was shortened much or the residual rose; see `.stagnation` for runs that stagnate.
+    2. Factor a compact approximation of A for the preconditioner; below a moderate residual, keep the last step's
+    factor. 3. Solve ``A dW = -R`` inexactly [1] [4] by GMRES. 4. Take as much of the step as keeps densities, pressures
+    and the residual within bounds. 5. Let the CFL number grow as the residual falls, switched evolution relaxation [2]
+    [3], or cut it if the linear solve
+       failed, the step was shortened much or the residual rose; see `.stagnation` for runs that stagnate.
 
-    Parameters
-    ----------
-    discretization : Discretization
-    areas : ndarray, shape (n_faces, 3)
-        Area vectors (m^2).
-    stream : ndarray, shape (5,)
-        The free stream.
-    pattern : FactorPattern
-        Of the preconditioner.
-    states : ndarray, shape (n_cells, 5), optional
-        Where to start; the uniform stream by default.
-    tolerance : float
-        Norm of the residual relative to that of the uniform stream.
-    max_steps : int
-        Largest number of Newton steps.
-    is_long : bool
-        Whether flat cells have long time steps, see `time_terms`: surer with shocks in layers of flat cells at walls.
-    settings : NewtonSettings
-    progress : callable, optional
-        Called with every step and the states after it, on all processes.
+    It starts from ``states``, by default the uniform stream, and stops at the tolerance, the norm of the residual
+    relative to the uniform stream's. With ``is_long`` flat cells have long time steps, see `time_terms`: more robust
+    with shocks in layers of flat cells at walls. ``progress`` is called with every step and its states, on all
+    processes.
 
     Returns
     -------
@@ -116,7 +100,7 @@ def solve_flow(
     states = discretization.uniform(stream) if states is None else states
     residual = field.residual(states)
     norm = field.norm(residual)
-    if not np.isfinite(norm):  # a start with shocks on coarser members can be too harsh for the extrapolation here
+    if not np.isfinite(norm):  # a start with shocks from coarser members can be too harsh for the extrapolation here
         states = discretization.uniform(stream)
         residual = field.residual(states)
         norm = field.norm(residual)
@@ -130,7 +114,7 @@ def solve_flow(
             break
         part = _forcing(settings, history, tolerance)
         factor = system.factor if system and _is_factor_kept(settings, history) else None
-        system = None  # it makes room for the next
+        system = None  # free memory for the next
         system = _StepSystem.of(field, pattern, states, cfl, is_long, factor)  # steps 1 and 2
         is_rough = history[-1].residual > settings.rough_until
         update, n_products = system.solve(settings, residual, part, is_rough)  # step 3
@@ -151,14 +135,14 @@ def solve_flow(
 def relative_residual(
     discretization: Discretization, states: np.ndarray, areas: np.ndarray, stream: np.ndarray, tolerance: float = 1e-10
 ) -> float:
-    """Norm of the residual of states relative to that of the uniform stream; arguments are those of `solve_flow`."""
+    """Norm of the residual of states relative to the uniform stream's; arguments as in `solve_flow`."""
     field = Field(discretization, areas, stream)
     return field.norm(field.residual(states)) / field.scale(tolerance)
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """What is solved: a discretisation with its area vectors and stream, its residual per surface of the cells."""
+    """The equations: a discretisation with its area vectors and stream, its residual per surface of the cells."""
 
     discretization: Discretization
     areas: np.ndarray
@@ -170,7 +154,7 @@ class Field:
         return self.discretization.sizes(self.areas)
 
     def residual(self, states: np.ndarray) -> np.ndarray:
-        """What flows out of every cell, by its surface, shape (n_cells, 5)."""
+        """Outflow of every cell divided by its surface, shape (n_cells, 5)."""
         return self.discretization.residual(states, self.areas, self.stream) / self.sizes
 
     def norm(self, residual: np.ndarray) -> float:
@@ -178,7 +162,7 @@ class Field:
         return self.discretization.norm(residual)
 
     def scale(self, tolerance: float) -> float:
-        """Norm of the residual of the uniform stream, but no less than rounding of the fluxes by the tolerance."""
+        """Norm of the residual of the uniform stream, at least the rounding of the fluxes divided by the tolerance."""
         uniform = self.discretization.uniform(self.stream)
         rounding = float(np.finfo(float).eps) * self.norm(np.ones_like(uniform[:, :1]))
         return max(self.norm(self.residual(uniform)), rounding / tolerance)
@@ -191,19 +175,19 @@ def _is_rounded(settings: NewtonSettings, history: list[NewtonStep]) -> bool:
 
 
 def _is_stalled(history: list[NewtonStep], n: int, part: float = 0.5) -> bool:
-    """Whether the last n steps have brought the lowest residual to no less than a part of it."""
+    """Whether the last n steps have not reduced the lowest residual below a given fraction of it."""
     before, lately = ([step.residual for step in part] for part in (history[:-n], history[-n:]))
     return bool(before) and min(lately) > part * min(before)
 
 
 def _is_spent(settings: NewtonSettings, history: list[NewtonStep]) -> bool:
-    """Whether a run has had its products, and its last step, late in the run, left more than a fifth."""
+    """Whether a run has used its products, and its last step, late in the run, left more than a fifth."""
     is_near = len(history) > 1 and history[-1].residual < 0.2 * min(settings.rough_until, history[-2].residual)
     return sum(step.n_products for step in history) >= settings.most_products and not is_near
 
 
 def _is_factor_kept(settings: NewtonSettings, history: list[NewtonStep]) -> bool:
-    """Whether the factor of the last step, which was taken in full, serves the next one, with another Jacobian."""
+    """Whether the factor of the last step, which was taken in full, is kept for the next one, with another Jacobian."""
     if len(history) < 2 or history[-1].residual > settings.factor_kept_from or history[-1].length < 1.0:
         return False
     return history[-1].residual < settings.factor_kept_fall * history[-2].residual
@@ -222,7 +206,7 @@ class _StepSystem:
     def of(
         cls, field: Field, pattern: FactorPattern, states: np.ndarray, cfl: float, is_long: bool, factor: Any = None
     ) -> _StepSystem:
-        """Linearise, add time terms to the diagonal, and factor a compact neighbour, unless there is a factor."""
+        """Linearise, add time terms to the diagonal, and factor a compact approximation, unless a factor is given."""
         discretization = field.discretization
         linearization = discretization.linearize(states, field.areas, field.stream)
         diagonal = (time_terms(discretization, states, field.areas, is_long) / cfl).astype(np.float32)
@@ -231,7 +215,7 @@ class _StepSystem:
     def solve(
         self, settings: NewtonSettings, residual: np.ndarray, part: float, is_rough: bool
     ) -> tuple[np.ndarray | None, int]:
-        """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
+        """Newton update, or none if the linear solve fails, and its number of products with the Jacobian."""
         product, comm = self.linearization.jacobians.product, self.field.discretization.halo.comm
         system = by_surface(product, self.factor.solve, self.field.sizes, self.diagonal)
         most_left = settings.most_left if is_rough else np.inf
@@ -240,7 +224,7 @@ class _StepSystem:
         return (solution.x if is_usable else None), solution.n_products
 
     def course(self, update: np.ndarray | None, last: np.ndarray | None, residual: np.ndarray) -> Course:
-        """Where an update leads, after the one before."""
+        """Course of an update, relative to the previous one."""
         if update is None:
             return UNKNOWN
         inverse = (1.0 / self.field.sizes.ravel()).astype(np.float32)
@@ -266,15 +250,15 @@ def advance(
 
 
 def _physical_length(settings: NewtonSettings, states: np.ndarray, update: np.ndarray, comm: Any) -> float:
-    """Largest part of a step, up to all of it, at which no density or pressure falls by more than is allowed."""
+    """Largest fraction of a step, at most 1, at which no density or pressure falls by more than allowed."""
     fall = largest(comm, np.max(-update[:, [0, 4]] / states[:, [0, 4]], initial=-np.inf))
     return min(1.0, settings.largest_fall / max(fall, np.finfo(float).tiny))
 
 
 def _forcing(settings: NewtonSettings, history: list[NewtonStep], tolerance: float) -> float:
-    """Tolerance of the next linear solve: the square of what the last step left, or what is asked for, within bounds.
+    """Tolerance of the next linear solve: the square of what the last step left, or the goal, within bounds.
 
-    Where the residual did not fall as the linear system had it, a better solution of the next one is of no use.
+    If the residual did not fall as the linear system predicted, a better solution of the next one is of no use.
     """
     if history[-1].residual > settings.rough_until:
         return settings.rough
@@ -283,11 +267,11 @@ def _forcing(settings: NewtonSettings, history: list[NewtonStep], tolerance: flo
 
 
 def _next_cfl(settings: NewtonSettings, history: list[NewtonStep], before: float, after: float, is_long: bool) -> float:
-    """CFL number of the next step, from those and the lengths of the last ones and the norms of the residual."""
+    """CFL number of the next step, from the last CFL numbers, step lengths and norms of the residual."""
     cfl, length = history[-1].cfl, history[-1].length
     if history[-1].stagnates_from:
         return stagnation_cfl(settings, history, is_long)
-    if length < 1.0:  # while shocks travel, shorter time steps get further than parts of long ones
+    if length < 1.0:  # while shocks travel, shorter time steps get farther than fractions of long ones
         return cfl * min(1.0, max(0.2, 1.5 * length))
     if after > 1.5 * before:
         return 0.7 * cfl

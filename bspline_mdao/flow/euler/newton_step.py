@@ -1,4 +1,4 @@
-"""Records of Newton steps: what they left, what they took, and where they led.
+"""Records of Newton steps: remaining residuals, costs, and courses.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -14,34 +14,34 @@ __all__ = ["UNKNOWN", "Course", "NewtonStep"]
 
 @dataclass(frozen=True)
 class Course:
-    """Where an update leads."""
+    """Course of an update."""
 
-    turn: float = 1.0  # cosine of the angle to the update before
-    # CFL number times the rate at which what it is made of grows in pseudo-time, negative where that decays
+    turn: float = 1.0  # cosine of the angle to the previous update
+    # CFL number times the growth rate of its components in pseudo-time, negative if they decay
     growth: float = -np.inf
 
     @property
     def has_turned(self) -> bool:
-        """Whether it goes back, at more than 120 degrees to the update before."""
+        """Whether it reverses, at more than 120 degrees to the previous update."""
         return self.turn < -0.5
 
     @property
     def is_backward(self) -> bool:
-        """Whether what grows is taken back by a time step that is too long for it, and the update before with it."""
+        """Whether a time step that is too long reverses growing components, and with them the previous update."""
         return self.growth >= 1.0 and self.has_turned
 
 
 UNKNOWN = Course()
-"""Of a start, or where there was no update."""
+"""For a start, or if there was no update."""
 
 
 @dataclass(frozen=True)
 class NewtonStep:
     """Record of a Newton step."""
 
-    residual: float  # norm of the residual after it, relative to that of the uniform stream
+    residual: float  # norm of the residual after it, relative to the uniform stream's
     cfl: float  # CFL number
     n_products: int  # products with the Jacobian
-    length: float  # part of the step that was taken; 0 where none was
-    course: Course = UNKNOWN  # where it leads
-    stagnates_from: float = 0.0  # lowest residual before the run began to stagnate; 0 where it does not stagnate
+    length: float  # fraction of the step that was taken; 0 if there was none
+    course: Course = UNKNOWN  # course of its update
+    stagnates_from: float = 0.0  # lowest residual before the run began to stagnate; 0 if it does not stagnate

@@ -1,10 +1,11 @@
-"""The preconditioner of linear systems with the Jacobian: an incomplete factor L U of a compact neighbour of it.
+"""The preconditioner of linear systems with the Jacobian: an incomplete factor L U of a compact approximation of it.
 
-The compact neighbour sees the two cells at a face alone: the mean state is half-way between them, and a part of their
-difference is dissipated: all of it at shocks, where the Jacobian itself is as compact. Time steps are on its diagonal.
-Pressures on walls are extrapolated from the first two cells, which takes a tenth fewer products than one.
+The compact approximation uses only the two cells at a face: the mean state is halfway between them, and a fraction of
+their difference is dissipated: all of it at shocks, where the Jacobian itself is as compact. Time steps are on its
+diagonal. Pressures on walls are extrapolated from the first two cells, which takes a tenth fewer products than from
+one.
 
-Several processes solve for the cells next to those of others together, see `.interface_schur`.
+Several processes solve for the cells next to other processes together, see `.interface_schur`.
 
 Blocks are 5 x 5, and the pattern is symmetric. See `.factor_pattern` for it, `.block_factor` for the factor.
 
@@ -41,19 +42,19 @@ from .reconstruction import FARFIELD, INNER
 from .residual import Discretization
 
 COMPACT_DISSIPATION = 0.75
-"""Part of the first difference, at least, that is dissipated in place of the third: with half of it the factor is
+"""Smallest fraction of the first difference that is dissipated in place of the third: with half of it the factor is
 unstable on grids with the spacing of boundary layers."""
 
 FLAT, FLAT_ROUNDING = 20.0, 0.03
-"""Areas of faces of flat cells relative to the middle one of their cells, from which on the speed with which the flow
-carries entropy and vorticity through them is rounded off by less than in the flux, and by how much less at last."""
+"""Area ratio of the faces of flat cells to the middle face of their cells, above which the convective speed of entropy
+and vorticity through them is rounded by less than in the flux, and the limit of this reduction."""
 
 Factor = BlockFactor | BorderedFactor
-"""What solves, and solves transposed, with an approximation of the Jacobian."""
+"""Approximate solves with the Jacobian, and with its transpose."""
 
 
 class PlacedBlocks(NamedTuple):
-    """Blocks of the matrix to be factored, and where kernels add those of cells and faces: see `FactorPattern`."""
+    """Blocks of the matrix to factor, and where kernels add blocks of cells and faces: see `FactorPattern`."""
 
     rank: np.ndarray
     places: np.ndarray
@@ -63,7 +64,7 @@ class PlacedBlocks(NamedTuple):
 
 
 class FaceDerivatives(NamedTuple):
-    """Derivatives of the fluxes of all faces, as kernels take them: see `.face_jacobians.FaceJacobians`."""
+    """Derivatives of the fluxes of all faces, as arguments of kernels: see `.face_jacobians.FaceJacobians`."""
 
     values: np.ndarray
     shock_rows: np.ndarray
@@ -73,9 +74,9 @@ class FaceDerivatives(NamedTuple):
 def compact_factor(
     linearization: Linearization,
     pattern: FactorPattern,
-    diagonal: np.ndarray,  # (n_cells, 5, 5), what is added to the blocks on the diagonal
+    diagonal: np.ndarray,  # (n_cells, 5, 5), addition to the blocks on the diagonal
 ) -> Factor:
-    """Factor the compact neighbour of a Jacobian: all processes call it together."""
+    """Factor the compact approximation of a Jacobian: all processes call it together."""
     scheme, sums = linearization.discretization.scheme, linearization.discretization.sums
     lower, upper = (zero_halves((pattern.n_entries, *diagonal.shape[1:])) for _ in range(2))
     placed = np.empty(diagonal.shape, np.float32)
@@ -95,8 +96,8 @@ def compact_factor(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _place(around, first, end, scheme, derivatives, dissipation, states, excess, blocks):
-    """Add the blocks of all faces of a range of cells; a block between two cells is added where the later row is."""
-    # Own cells are later than those of other processes. Faces around a cell are as in `CellSums`.
+    """Add the blocks of all faces of a range of cells; a block between two cells is added at the later row."""
+    # Own cells come after cells of other processes. Faces around a cell are as in `CellSums`.
     face_starts, faces = around
     cells, means, classes, roles = scheme.cells, scheme.means, scheme.classes, scheme.roles
     jacobians, shock_rows, shocks = derivatives
@@ -127,7 +128,7 @@ def _place(around, first, end, scheme, derivatives, dissipation, states, excess,
                 mean, jump = load(jacobians, 50 * f + 10 * n), load(jacobians, 50 * f + 10 * n + 5)
                 if excess[f] > 0.0:
                     jump = add_scaled(jump, excess[f], load(carried, 5 * n))
-                # of the row of this cell: from itself, and from the other
+                # for the row of this cell: from itself, and from the other
                 diagonal_block = add_scaled(load(diagonal, 25 * row + 5 * n), sign * half, mean)
                 store(diagonal, 25 * row + 5 * n, subtract_scaled(diagonal_block, part, jump))
                 if is_later:
@@ -140,8 +141,8 @@ def _place(around, first, end, scheme, derivatives, dissipation, states, excess,
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _place_behind(first, scheme, jacobians, blocks):
-    """Add the blocks of boundary faces at the second cells inwards, which have what the third ones have too."""
-    # Apart from the others: a block may be where another row, and another thread, adds too.
+    """Add the blocks of boundary faces at the second cells inwards, which also include those of the third cells."""
+    # Separately, since a block may be where another row, and another thread, adds too.
     cells, means, classes = scheme.cells, scheme.means, scheme.classes
     rank, places, lower, upper, _ = blocks
     for f in range(first, len(cells)):
@@ -156,16 +157,16 @@ def _place_behind(first, scheme, jacobians, blocks):
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _half_way(left, right, block):
-    """Write the derivatives of the conserved quantities half-way between two states."""
+    """Write the derivatives of the conserved quantities halfway between two states."""
     velocity = 0.5 * (left[1] + right[1]), 0.5 * (left[2] + right[2]), 0.5 * (left[3] + right[3])
     _conserved(0.5 * (left[0] + right[0]), velocity, 1.0, block)
 
 
 def carried_excess(linearization: Linearization) -> np.ndarray:
-    """Half the speed, times the area, that is taken from the dissipation of every face, shape (n_faces,), float32."""
-    # Across flat cells the rounding of the speed that carries entropy and vorticity is a thousand times what the flow
-    # carries along them. The Jacobian dissipates a third difference by it, which smooth fields hardly have; the compact
-    # neighbour's first difference would tie all cells of a layer together.
+    """Half the speed, times the area, that is subtracted from the dissipation of every face, (n_faces,), float32."""
+    # Across flat cells the rounding of the convective speed of entropy and vorticity is a thousand times the convection
+    # along them. The Jacobian dissipates a third difference by it, which is almost zero for smooth fields; the first
+    # difference of the compact approximation would tie all cells of a layer together.
     stencil, areas = linearization.discretization.stencil, linearization.areas
     n_seen, sizes = len(linearization.states), np.linalg.norm(areas, axis=1)
     largest, out = np.zeros((n_seen, 4)), np.zeros(len(areas), np.float32)
@@ -177,7 +178,7 @@ def carried_excess(linearization: Linearization) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _largest(cells, roles, sizes, largest):
-    """Find the four largest faces of every cell, in falling order."""
+    """Find the four largest faces of every cell, in descending order."""
     for f in range(len(cells)):
         for k in range(1, 3 if roles[f] == INNER else 2):
             size, diagonal_block = sizes[f], largest[cells[f, k]]
@@ -204,21 +205,21 @@ def time_terms(
 ) -> np.ndarray:
     """Diagonal of the pseudo-time term at a CFL number of one, shape (n_cells, 5, 5)."""
     # Derivatives of the conserved quantities with respect to the states, times the volume of a cell divided by its time
-    # step: half the sum of the wave speeds through its faces or, for long time steps, what that is in a cube with the
-    # middle ones. In a flat cell at a wall those are the speeds along the wall, so that all cells of a layer move on
-    # with the flow outside.
+    # step: half the sum of the wave speeds through its faces or, for long time steps, the same for a cube with the
+    # middle ones. In a flat cell at a wall these are the speeds along the wall, so all cells of a layer advance with
+    # the outer flow.
     out = np.zeros((len(states), 5, 5))
     _time_terms(discretization.stencil.cells, discretization.stencil.roles, areas, states, is_long, out)
     return out
 
 
 def by_surface(
-    product: Callable,  # product, solve: of arrays of shape (n_cells, 5); what the product returns is written over
+    product: Callable,  # product, solve: for arrays of shape (n_cells, 5); the result of the product is overwritten
     solve: Callable,
     sizes: np.ndarray,  # (n_cells, 1), surfaces of the cells (m^2), see `Discretization.sizes`
-    blocks: np.ndarray | None = None,  # (n_cells, 5, 5), blocks on the diagonal, which the product leaves out
+    blocks: np.ndarray | None = None,  # (n_cells, 5, 5), blocks on the diagonal, which the product omits
 ) -> tuple[Callable, Callable]:
-    """Product with a matrix and approximate solution with it, of float32, for rows divided by the surfaces of cells."""
+    """Product with a matrix and approximate solution with it, in float32, for rows divided by the surfaces of cells."""
     single = sizes.ravel().astype(np.float32)
     inverse = 1.0 / single
 
@@ -230,7 +231,7 @@ def by_surface(
 
 
 def _scaled_rows(factors: np.ndarray, rows: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """Write rows of float32, shape (n, 5), times a factor each; numpy takes thrice as long for rows of five."""
+    """Write rows of float32, shape (n, 5), times a factor each; numpy takes three times as long for rows of five."""
     visit(len(rows), lambda part: _scale(factors[part], rows[part], out[part]))
     return out
 
@@ -243,10 +244,7 @@ def _scale(factors, rows, out):
 
 
 def add_blocks(blocks: np.ndarray, x: np.ndarray, factors: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """Add products of blocks, shape (n_cells, 5, 5), with states to an array, and multiply its rows by a factor each.
-
-    The array is written over and returned; all are of float32.
-    """
+    """Add products of blocks, (n_cells, 5, 5), with states to an array in place, and scale its rows; all in float32."""
     visit(len(x), lambda part: _add_blocks(blocks[part], x[part], factors[part], out[part]))
     return out
 
@@ -265,7 +263,7 @@ def _time_terms(cells, roles, areas, states, is_long, out):
     for f in range(len(cells)):
         s = areas[f]
         for k in range(1, 3 if roles[f] == INNER else 2):
-            if cells[f, k] >= len(states):  # of another process
+            if cells[f, k] >= len(states):  # on another process
                 continue
             w = states[cells[f, k]]
             sound = np.sqrt(GAMMA * w[4] / w[0] * (s[0] * s[0] + s[1] * s[1] + s[2] * s[2]))

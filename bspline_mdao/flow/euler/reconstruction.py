@@ -1,12 +1,12 @@
 """Mean state and jump at a face, from the cells along the grid line through it.
 
-Along the line lie the cells a, b on the left of the face and c, d on its right. On even grids the mean
-``(-a + 7 b + 7 c - d) / 12`` of cell averages is of fourth order; what is dissipated is a part, ``dissipation``, of the
-third difference ``a - 3 b + 3 c - d``. At shocks the mean is that of the two cells at the face, and the jump the first
-difference, ``c - b``. Where a line ends, the cell behind the last is extrapolated linearly.
+Along the line lie the cells a, b on the left of the face and c, d on its right. On uniform grids the mean
+``(-a + 7 b + 7 c - d) / 12`` of cell averages is of fourth order; a fraction, ``dissipation``, of the third difference
+``a - 3 b + 3 c - d`` is dissipated. At shocks the mean is over the two cells at the face, and the jump is the first
+difference, ``c - b``. At the end of a line, the cell after the last is extrapolated linearly.
 
-The sensor ``sigma`` of shocks blends one into the other. With the relative second differences ``n`` of the pressure at
-the cells on both sides, after Jameson, Schmidt and Turkel (AIAA 81-1259), and ``q = n_l^2 + n_r^2``, it is
+The shock sensor ``sigma`` blends one into the other. With the relative second differences ``n`` of the pressure at the
+cells on both sides, after Jameson, Schmidt and Turkel (AIAA 81-1259), and ``q = n_l^2 + n_r^2``, it is
 ``q^2 / (q^2 + threshold^4)``: smooth, and of eighth order in smooth flow.
 
 Theory: ``docs/theory/euler.rst`` and, for shocks, ``docs/theory/euler_transonic.rst``.
@@ -31,7 +31,7 @@ FIRST, THIRD = 0, 1
 """Rows of the weights in the differences of a face: the first and the third."""
 
 INNER, FARFIELD, SLIP = 0, 1, 2
-"""Roles of a face: cells on both sides, the free stream outside, or no flow through it."""
+"""Roles of a face: cells on both sides, the free stream outside, or a slip boundary."""
 
 KINDS = {"wall": SLIP, "symmetry": SLIP, "farfield": FARFIELD}
 """Roles of boundary faces by the kind of their patch."""
@@ -46,21 +46,21 @@ _FULL = np.array([[-1, 7, 7, -1], [0, -12, 12, 0], [12, -36, 36, -12]]) / 12.0
 class Stencil:
     """Cells and weights of every face."""
 
-    # (n_faces, 4) of int, cells a, b, c, d; where there is none, b or c with weight 0. At boundary faces c is the third
+    # (n_faces, 4) of int, cells a, b, c, d; b or c has weight 0 for missing cells. At boundary faces c is the third
     # cell inwards.
     cells: np.ndarray
-    means: np.ndarray  # (n_classes, 4), weights in the mean state by the class of a face
-    # (n_faces,) of int, class of each face; `.irregular_faces` have classes of their own
+    means: np.ndarray  # (n_classes, 4), weights in the mean state, by class of the face
+    # (n_faces,) of int, class of each face; `.irregular_faces` have their own classes
     classes: np.ndarray
-    # (n_lines, 2, 4), weights in the first and the third difference by what the line through a face is like
+    # (n_lines, 2, 4), weights in the first and the third difference, by type of the line through a face
     differences: np.ndarray
-    lines: np.ndarray  # (n_faces,) of int, what the line through each face is like
+    lines: np.ndarray  # (n_faces,) of int, type of the line through each face
     roles: np.ndarray  # (n_faces,) of int, `INNER`, `FARFIELD` or `SLIP`
     sums: CellSums  # sums over the faces of every cell
 
     @classmethod
     def of(cls, faces: CellFaces) -> Stencil:
-        """Choose cells and weights by what lies along the grid line through each face."""
+        """Choose cells and weights by the grid line through each face."""
         edge = faces.left[faces.n_inner :]
         b, c = faces.left, np.append(faces.right, np.where(faces.third == NONE, edge, faces.third))
         a, d = faces.beyond_left, np.append(faces.beyond_right, edge)
@@ -79,7 +79,7 @@ class Stencil:
             roles[part] = KINDS[patch.kind]
             lines[part] = _BOUNDARY_LINES[KINDS[patch.kind]] + depths[part]
         cells = np.stack([np.where(no_a, b, a), b, c, np.where(no_d, c, d)], axis=1).astype(np.int32)
-        classes = lines.astype(np.int32)  # as where `.irregular_faces` have classes of their own: kernels compile once
+        classes = lines.astype(np.int32)  # as if `.irregular_faces` had their own classes: kernels compile once
         return cls(cells, _MEANS, classes, _DIFFERENCES, lines, roles, CellSums.of(cells, roles == INNER))
 
     def scheme(self, dissipation: float, threshold: float) -> FaceScheme:
@@ -88,15 +88,15 @@ class Stencil:
         return FaceScheme(self.cells, *by_class, self.roles, float(dissipation), float(threshold))
 
     def smooth_jumps(self, dissipation: float) -> np.ndarray:
-        """Weights in the jump by what the line is like, shape (n_lines, 4), where there is no shock."""
-        # Of a line of two cells they are zero.
+        """Weights in the jump by type of the line, shape (n_lines, 4), without shocks."""
+        # For a line of two cells they are zero.
         jumps = self.differences[:, FIRST].copy()
         jumps[:_N_INNER_LINES] = dissipation * self.differences[:_N_INNER_LINES, THIRD]
         return jumps
 
 
 class FaceScheme(NamedTuple):
-    """What the scheme does at faces, as all kernels take it: fields as those of `Stencil` and `.residual`."""
+    """The scheme at faces, as arguments of all kernels: fields as in `Stencil` and `.residual`."""
 
     cells: np.ndarray
     means: np.ndarray
@@ -105,22 +105,22 @@ class FaceScheme(NamedTuple):
     lines: np.ndarray
     roles: np.ndarray
     dissipation: float
-    threshold: float  # of the sensor of shocks; 0 for none
+    threshold: float  # of the shock sensor; 0 for none
 
     def part(self, faces: slice | np.ndarray) -> FaceScheme:
-        """That of a range or list of faces."""
+        """The scheme of a range or list of faces."""
         by_class = self.means, self.classes[faces], self.differences, self.lines[faces]
         return FaceScheme(self.cells[faces], *by_class, self.roles[faces], self.dissipation, self.threshold)
 
     def cast(self, dtype: DTypeLike) -> FaceScheme:
-        """With weights of a type: complex ones for complex states."""
+        """The scheme with weights of a type: complex ones for complex states."""
         if self.means.dtype == dtype:
             return self
         return self._replace(means=self.means.astype(dtype), differences=self.differences.astype(dtype))
 
 
 def _folded(no_a: bool, no_d: bool) -> np.ndarray:
-    """Weights in mean and differences where cells at the ends of a line are extrapolated: a = 2 b - c, d = 2 c - b."""
+    """Weights in mean and differences with extrapolated cells at the ends of a line: a = 2 b - c, d = 2 c - b."""
     fold = np.eye(4)
     if no_a:
         fold[0] = [0, 2, -1, 0]
@@ -130,7 +130,7 @@ def _folded(no_a: bool, no_d: bool) -> np.ndarray:
 
 
 def _boundary(*means: tuple[float, ...], first: float = 0.0) -> list[np.ndarray]:
-    """Weights of a boundary face by the number of cells there are inwards: those of cells b, a and the third, at c."""
+    """Weights of a boundary face by the number of cells inwards: for cells b, a and the third, at c."""
     weights = np.zeros((len(means), 3, 4))
     for row, mean in zip(weights, means):
         row[0, [1, 0, 2][: len(mean)]] = mean
@@ -141,8 +141,8 @@ def _boundary(*means: tuple[float, ...], first: float = 0.0) -> list[np.ndarray]
 _WEIGHTS = np.stack(
     [
         *(_folded(no_a, no_d) for no_d in (False, True) for no_a in (False, True)),
-        *_boundary((1.0,), (1.5, -0.5), (1.875, -1.25, 0.375)),  # to the face, by ever higher polynomials
-        *_boundary((0.5,), (0.5,), (0.5,), first=-1.0),  # half-way to the free stream
+        *_boundary((1.0,), (1.5, -0.5), (1.875, -1.25, 0.375)),  # to the face, by polynomials of increasing degree
+        *_boundary((0.5,), (0.5,), (0.5,), first=-1.0),  # halfway to the free stream
     ]
 )
 
@@ -162,7 +162,7 @@ def area_of(areas, f):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def has_area(s):
-    """Whether a face has an area: one without, as on a collapsed edge, has no flux, and the speeds divide by it."""
+    """Whether a face has an area: without, as on a collapsed edge, it has no flux, and speeds divide by the area."""
     return s[0] * s[0] + s[1] * s[1] + s[2] * s[2] != 0.0
 
 
@@ -189,7 +189,7 @@ def face_state(scheme, f, states, stream, sigma):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def face_weights(scheme, f, sigma, out):
-    """Weights of the four cells of a face in mean state and jump, shape (2, 4), with the sensor as it is."""
+    """Weights of the four cells of a face in mean state and jump, shape (2, 4), with the current sensor."""
     means, differences = scheme.means[scheme.classes[f]], scheme.differences[scheme.lines[f]]
     for k in range(4):
         out[0, k], out[1, k] = means[k], differences[FIRST, k]
@@ -201,7 +201,7 @@ def face_weights(scheme, f, sigma, out):
 
 @njit(cache=True, error_model="numpy")
 def shock_sensor(states, cells, threshold):
-    """Sensor of shocks at an inner face, from 0 in smooth flow to 1."""
+    """Shock sensor at an inner face, from 0 in smooth flow to 1."""
     return stencil_sensor(*_around(states, cells), *_constants(cells, threshold))
 
 
@@ -213,19 +213,19 @@ def shock_sensor_jvp(states, cells, threshold, d_states):
 
 @njit(cache=True, error_model="numpy")
 def shock_sensor_vjp(states, cells, threshold, bar):
-    """Transpose of `shock_sensor_jvp`: what the first state, the two pressures in the middle and the last state get."""
+    """Transpose of `shock_sensor_jvp`: adjoints of the first state, the two middle pressures and the last state."""
     return stencil_sensor_vjp(*_around(states, cells), *_constants(cells, threshold), bar)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _around(states, cells):
-    """What the sensor depends on."""
+    """The values on which the sensor depends."""
     return _state(states, cells[0]), states[cells[1], 4], states[cells[2], 4], _state(states, cells[3])
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _constants(cells, threshold):
-    """Whether there are a first and a last cell, as numbers, and the level of the sensor."""
+    """Whether the first and the last cell exist, as numbers, and the level of the sensor."""
     has_first, has_last = 1.0 if cells[0] != cells[1] else 0.0, 1.0 if cells[3] != cells[2] else 0.0
     return has_first, has_last, threshold * threshold * threshold * threshold
 
@@ -258,7 +258,7 @@ def _combine(weights, states, cells):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _blend(smooth, shock, sigma):
-    """Mix states of smooth flow and of shocks by the sensor; also the derivative with respect to it."""
+    """Blend states of smooth flow and of shocks by the sensor; also the derivative with respect to it."""
     slope = (
         shock[0] - smooth[0],
         shock[1] - smooth[1],

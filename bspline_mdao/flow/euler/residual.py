@@ -1,10 +1,10 @@
 """The residual of steady flow on a grid, R(W): the sum of the fluxes out of every cell.
 
-The flux through a face is in `.flux`, at walls in `.wall_boundary`, the states that it is of in `.reconstruction`,
-those outside the far field in `.far_field`, derivatives in `.linearization`.
-The residual depends on the grid through the area vectors of the faces and, where grid lines turn, through the weights
-of their mean states, see `.irregular_faces`: a discretisation has those of one grid. Of several processes each has the
-rows of its own cells; their states see those of others through a halo.
+The flux through a face is in `.flux`, at walls in `.wall_boundary`, the states for it in `.reconstruction`, the states
+outside the far field in `.far_field`, derivatives in `.linearization`. The residual depends on the grid through the
+area vectors of the faces and, where grid lines turn, through the weights of their mean states, see `.irregular_faces`:
+a discretisation has the weights of one grid. Each of several processes has the rows of its own cells; their states see
+the states of other processes through a halo.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -31,10 +31,10 @@ __all__ = ["DISSIPATION", "SHOCK_THRESHOLD", "Discretization"]
 
 
 DISSIPATION = 1.0 / 6.0
-"""Part of the third difference that is dissipated: that of upwind-biased interpolation of third order."""
+"""Fraction of the third difference that is dissipated: as in upwind-biased interpolation of third order."""
 
 SHOCK_THRESHOLD = 0.05
-"""A sound threshold of the sensor of shocks: flows slower than 0.83 of the speed of sound are the same as without."""
+"""Default threshold of the shock sensor: flows slower than 0.83 of the speed of sound are unaffected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +43,11 @@ class Discretization:
 
     faces: CellFaces  # cells and faces; their patches are of the kinds wall, symmetry or farfield
     stencil: Stencil  # cells and weights at every face
-    dissipation: float = DISSIPATION  # part of the third difference that is dissipated
-    # relative second difference of the pressure at which a face is half that of a shock; 0 for no sensor
+    dissipation: float = DISSIPATION  # fraction of the third difference that is dissipated
+    # relative second difference of the pressure at which a face is half a shock; 0 for no sensor
     shock_threshold: float = 0.0
     halo: Halo = ALONE  # exchange of cells with other processes
-    vortex: FarVortex | None = None  # that of a section, in the states outside the far field
+    vortex: FarVortex | None = None  # of a section, in the states outside the far field
 
     @classmethod
     def of(
@@ -61,22 +61,22 @@ class Discretization:
         return np.tile(stream, (self.faces.n_cells, 1))
 
     def norm(self, rows: np.ndarray) -> float:
-        """Euclidean norm of an array of all cells, shape (n_cells, 5); the same bits on all processes."""
+        """Euclidean norm of an array of all cells, shape (n_cells, 5); bitwise the same on all processes."""
         return norm(rows, self.halo.comm)
 
     def sizes(self, areas: np.ndarray) -> np.ndarray:
-        """Areas (m^2) of the surfaces of all cells, shape (n_cells, 1), of area vectors; never nil."""
-        # Residuals are compared per surface: in a plain norm the cells of the far field hide those at walls.
+        """Areas (m^2) of the surfaces of all cells, shape (n_cells, 1), from area vectors; never zero."""
+        # Residuals are compared per surface: in a plain norm the cells of the far field would hide those at walls.
         sizes = self.faces.sum_over_cells(np.linalg.norm(areas, axis=1), 1.0)
         return np.maximum(sizes, np.finfo(np.float32).tiny)[:, None]
 
     def residual(
         self,
-        states: np.ndarray,  # (n_cells, 5), see `.gas`. Real or complex.
-        areas: np.ndarray,  # (n_faces, 3), area vectors (m^2), see `.cell_shapes`. Real or complex.
-        stream: np.ndarray,  # (5,), the free stream. Real or complex.
+        states: np.ndarray,  # (n_cells, 5), see `.gas`; real or complex
+        areas: np.ndarray,  # (n_faces, 3), area vectors (m^2), see `.cell_shapes`; real or complex
+        stream: np.ndarray,  # (5,), the free stream; real or complex
     ) -> np.ndarray:  # (n_cells, 5), mass, momentum and energy per time
-        """Sum what flows out of every cell."""
+        """Sum the outflow of every cell."""
         dtype = np.result_type(states, areas, stream, self.stencil.means)
         states, areas, stream = (np.ascontiguousarray(array, dtype) for array in (states, areas, stream))
         states, scheme = self.halo.extend(states), self.scheme.cast(dtype)
@@ -90,7 +90,7 @@ class Discretization:
         return self.sums.of_faces(flux, self.faces.n_cells)
 
     def outside(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> np.ndarray:
-        """States outside the far field, by the number of the face, of states with those of other processes' cells."""
+        """States outside the far field, by the number of the face, from states extended by other processes' cells."""
         return self.at_far_field(self.vortex.outside(states, areas, stream) if self.vortex else stream)
 
     def at_far_field(self, rows: np.ndarray) -> np.ndarray:
@@ -98,7 +98,7 @@ class Discretization:
         shape = (self.faces.n_faces, N_STATES)
         if self.vortex is None or rows.ndim == 1:
             return np.broadcast_to(rows, shape)
-        room = np.zeros((shape[0], N_STATES + 1), rows.dtype)[:, :N_STATES]  # of one type with the above, for kernels
+        room = np.zeros((shape[0], N_STATES + 1), rows.dtype)[:, :N_STATES]  # same type as above, for kernels
         room[self.vortex.faces] = rows
         return np.broadcast_to(room, shape)
 
@@ -112,7 +112,7 @@ class Discretization:
 
     @cached_property
     def scheme(self) -> FaceScheme:
-        """What the kernels of the faces take."""
+        """Arguments of the kernels of the faces."""
         return self.stencil.scheme(self.dissipation, self.shock_threshold)
 
     @property
@@ -123,7 +123,7 @@ class Discretization:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def fluxes(scheme, areas, states, outside, out):
-    """Fluxes through all faces out of the cells on their left, shape (n_faces, 5), which are zero before."""
+    """Fluxes through all faces out of the cells on their left, shape (n_faces, 5), initially zero."""
     for f in range(len(out)):
         s, role = area_of(areas, f), scheme.roles[f]
         if not has_area(s):

@@ -1,4 +1,4 @@
-"""The sensor of shocks at a face, from 0 in smooth flow to 1, see `.reconstruction`.
+"""The shock sensor at a face, from 0 in smooth flow to 1, see `.reconstruction`.
 
 Theory: ``docs/theory/euler_transonic.rst``.
 """
@@ -22,13 +22,13 @@ def stencil_sensor(
     left,
     right,
     last,
-    # has_first, has_last: 1.0 where the first and the last cell are no stand-ins for missing ones, else 0.0
+    # has_first, has_last: 1.0 if the first and the last cell exist, 0.0 if they stand in for missing ones
     has_first,
     has_last,
     level,  # square of ``n_l^2 + n_r^2`` at which it is a half: the fourth power of the threshold
 ):
     """Second differences of the pressure, where the flow is fast."""
-    # That is by the mean square of the Mach numbers of the outer cells: one next to a shock still sees what is ahead.
+    # Fast by the mean square of the Mach numbers of the outer cells: a cell next to a shock still sees the flow ahead.
     n_left = has_first * (first[4] - 2.0 * left + right) / (first[4] + 2.0 * left + right)
     n_right = has_last * (left - 2.0 * right + last[4]) / (left + 2.0 * right + last[4])
     q = n_left * n_left + n_right * n_right
@@ -44,7 +44,7 @@ def _mach_squared(w):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def smooth_step(t):
-    """From 0 where ``t`` is 0 or less to 1 where it is 1 or more, with a continuous slope."""
+    """From 0 for ``t`` of 0 or less to 1 for 1 or more, with a continuous slope."""
     if t.real <= 0.0:
         return 0.0 * t
     if t.real >= 1.0:

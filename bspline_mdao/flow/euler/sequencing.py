@@ -1,7 +1,7 @@
-"""Grid sequencing: a start from the flow on coarser members of the grid's family, which pick from its nodes.
+"""Grid sequencing: a start from the flow on coarser members of the grid's family, with a subset of its nodes.
 
 Every level has half the cells of the next in each direction, see `bspline_mdao.core.evaluation.family`. Its states,
-solved roughly, are given to the cells of the next that lie in its cells.
+solved roughly, are injected into the cells of the next level that lie in its cells.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -34,20 +34,20 @@ class CoarseLevel:
     """A coarser member of a grid."""
 
     flow: FlowGrid  # its faces, scheme and preconditioner
-    picked: np.ndarray  # (n_nodes of the member,) of int, rows of its nodes among those of the finer grid
-    # (n_cells of the finer grid,) of int, cell of the member that each cell of the finer grid lies in
+    picked: np.ndarray  # (n_nodes of the member,) of int, rows of its nodes among the finer grid's
+    # (n_cells of the finer grid,) of int, cell of the member that contains each cell of the finer grid
     parents: np.ndarray
-    # nodes, cells: exchange of nodes of the finer grid and of cells of the member with other processes, where planes
+    # nodes, cells: exchange of nodes of the finer grid and of cells of the member with other processes, if planes
     # between their pieces are not planes of the member
     nodes: Halo = ALONE
     cells: Halo = ALONE
 
     def pick(self, nodes: np.ndarray) -> np.ndarray:
-        """Nodes of the member, of those of the finer grid."""
+        """Nodes of the member, from nodes of the finer grid."""
         return self.nodes.extend(nodes)[self.picked]
 
     def spread(self, states: np.ndarray) -> np.ndarray:
-        """States of the cells of the finer grid, of those of the member."""
+        """States of the cells of the finer grid, from states of the member."""
         return self.cells.extend(states)[self.parents]
 
 
@@ -57,12 +57,12 @@ def coarse_levels(
     n_levels: int,  # number of members
     axes: str = "xzy",  # see `FlowGrid.of`
     *,
-    # partition, comm: see `FlowGrid.of`; a cell of a member is where its first cell of the finer grid is
+    # partition, comm: see `FlowGrid.of`; a cell of a member is on the process of its first cell of the finer grid
     partition: Partition | None = None,
     comm: Any = ONE,
     **settings: Any,  # of the `Discretization`
 ) -> list[CoarseLevel]:  # the finest first
-    """Make coarser members of a grid, each of the one before: once per grid."""
+    """Make coarser members of a grid, each from the previous one: once per grid."""
     levels = []
     for _ in range(n_levels):
         scaling = IndexScaling.of(topology, 0.5)
@@ -83,7 +83,7 @@ def coarse_levels(
 
 
 def useful_levels(topology: Topology, settings: StartSettings = STARTS) -> int:
-    """Count the coarser members of a grid that save time: those of no less than 250 cells.
+    """Count the coarser members of a grid that save time: those with at least 250 cells.
 
     Examples
     --------
@@ -107,10 +107,7 @@ def states_from_coarse(
     is_long: bool = False,
     settings: StartSettings = STARTS,
 ) -> np.ndarray | None:
-    """Solve on the coarser members for states to start from on the grid; None, for the uniform stream, without any.
-
-    Parameters and states are those of `coarse_flows` and `spread_from`.
-    """
+    """Initial states on the grid from coarser members, see `coarse_flows`; without any None, for a uniform stream."""
     return spread_from(levels, coarse_flows(levels, nodes, stream, is_long, settings))
 
 
@@ -121,24 +118,10 @@ def coarse_flows(
     is_long: bool = False,
     settings: StartSettings = STARTS,
 ) -> list[FlowSolution]:
-    """Solve roughly on the coarser members, on each from the flow on the next.
+    """Solve roughly on the coarser members, on each from the flow on the next; the finest comes first in both lists.
 
-    Parameters
-    ----------
-    levels : list of CoarseLevel
-        The finest first.
-    nodes : ndarray, shape (n_nodes, 3)
-        Nodes of the grid as it is now (m).
-    stream : ndarray, shape (5,)
-        The free stream.
-    is_long : bool
-        Whether flat cells have long time steps there too: a bubble at the foot of a shock would stay in the start.
-    settings : StartSettings
-
-    Returns
-    -------
-    list of FlowSolution
-        The finest member's first.
+    With ``is_long`` flat cells have long time steps there too: otherwise a bubble at the foot of a shock would stay in
+    the start.
     """
     if not levels:
         return []
@@ -166,7 +149,7 @@ def spread_from(levels: list[CoarseLevel], flows: list[FlowSolution]) -> np.ndar
 def _parents(
     shapes: Sequence[tuple[int, ...]], coarse_shapes: Sequence[tuple[int, ...]], planes: Sequence[Sequence[np.ndarray]]
 ) -> np.ndarray:
-    """Cell of the coarse blocks that each cell of the fine ones lies in."""
+    """Cell of the coarse blocks that contains each cell of the fine ones."""
     coarse_cells = BlockLayout.of(coarse_shapes).cells.numbers
     parents = []
     for shape, cells, kept in zip(shapes, coarse_cells, planes):
@@ -178,7 +161,7 @@ def _parents(
 def _coarse_partition(
     fine: Partition, shapes: Sequence[tuple[int, ...]], planes: Sequence[Sequence[np.ndarray]]
 ) -> Partition:
-    """Give every cell of a member to the process that has its first cell of the finer grid."""
+    """Assign every cell of a member to the process that has its first cell of the finer grid."""
     pieces = []
     for subdomain in fine.pieces:
         kept = [
@@ -215,11 +198,11 @@ def _shared(
 
 
 def _numbers(indices: Iterable[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-    """Numbers in the C order of a shape of what has some indices in each direction."""
+    """Numbers, in the C order of a shape, of entries with given indices in each direction."""
     i, j, k = np.ix_(*indices)
     return ((i * shape[1] + j) * shape[2] + k).ravel()
 
 
 def _lying_in(kept: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Interval between kept planes that each cell lies in."""
+    """Interval between kept planes that contains each cell."""
     return np.searchsorted(kept, cells, side="right") - 1

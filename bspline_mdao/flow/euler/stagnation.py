@@ -1,20 +1,20 @@
-"""Runs that stagnate: their residual is low and goes up and down, but there is no flow where they are.
+"""Runs that stagnate: their residual is low and oscillates, but there is no steady flow nearby.
 
-As a shock moves over the cells, steady states end one after the other, each where it meets an unstable one: at a fold.
-A run comes past places where the last one has just ended. There the residual has a minimum that is not zero, and the
-Jacobian is singular. On the far side a part of the states moves away at a rate mu in pseudo-time. A step with a time
-step h takes that part by
+As a shock moves over the cells, steady states end one after another, each where it meets an unstable one: at a fold. A
+run passes places where the last one has just ended. There the residual has a minimum that is not zero, and the Jacobian
+is singular. On the far side some components of the states move away at a rate mu in pseudo-time. A step with a time
+step h changes these components by
 
     (1/h - mu) T dW = -R ,
 
-which is forward, and the residual grows by 1/(1 - h mu), as long as h mu < 1. With h mu = 1 it has no bound, and with
-more it goes *backward*, to the near side, from where the next long step leads to the far side again: the run goes to
-and fro for ever.
+which is forward, and the residual grows by 1/(1 - h mu), as long as h mu < 1. With h mu = 1 it is unbounded, and with
+more it goes *backward*, to the near side, from where the next long step leads to the far side again: the run oscillates
+forever.
 
-By how much what a step is made of moves away, its `growth` h mu, is known from the step and its residual: it is the
-Rayleigh quotient of the Jacobian in the metric of the time terms. A run that stagnates goes back to short time steps,
-and lets them grow only as far as `growth` allows. So it is carried past the fold, while the residual rises by orders of
-magnitude, to where there is a flow.
+The growth `growth` h mu of the components of a step is known from the step and its residual: it is the Rayleigh
+quotient of the Jacobian in the metric of the time terms. A stagnating run returns to short time steps, and lets them
+grow only as far as `growth` allows. So it is carried past the fold, while the residual rises by orders of magnitude, to
+where there is a steady flow.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -34,14 +34,14 @@ __all__ = ["begins_to_stagnate", "course_of", "lowest_before", "since_stagnation
 
 
 def course_of(
-    update: np.ndarray,  # update, last: (n_cells, 5), the update and the one before, which may be missing
+    update: np.ndarray,  # update, last: (n_cells, 5), the update and the previous one, which may be missing
     last: np.ndarray | None,
     residual: np.ndarray,  # (n_cells, 5), before the step
     # (n_cells, 5), the time terms' product with the update, ``T dW / CFL``, in the units of the residual
     scaled: np.ndarray,
     comm: Any,  # the processes
 ) -> Course:
-    """Tell where an update leads."""
+    """Return the course of an update."""
     last = np.zeros_like(update) if last is None else last
     pairs = (update, last), (update, update), (last, last), (scaled, residual), (scaled, scaled)
     along, new, old, driven, slowed = summed(comm, np.array([np.einsum("ij,ij", a, b) for a, b in pairs]))
@@ -50,10 +50,10 @@ def course_of(
 
 
 def begins_to_stagnate(settings: NewtonSettings, history: Sequence[NewtonStep]) -> bool:
-    """Whether residuals are low but no new lowest one was among the last, or steps take each other back."""
-    # While shocks travel residuals are higher, and steps go on, or parts of them are taken. Two whole ones in a row,
-    # each of which takes the one before back, and which do not halve the residual together, lead to and fro at any
-    # residual: in ten cells at the tip of an M6 of a million cells, at 1e-3.
+    """Whether residuals are low but no new lowest one was among the last, or steps reverse each other."""
+    # While shocks travel residuals are higher, and steps continue, or are taken in part. Two whole steps in a row, each
+    # of which reverses the previous one, and which together do not halve the residual, oscillate at any residual: in
+    # ten cells at the tip of an M6 of a million cells, at 1e-3.
     residuals = [step.residual for step in history]
     if len(residuals) < 3:
         return False
@@ -76,7 +76,7 @@ def begins_to_stagnate(settings: NewtonSettings, history: Sequence[NewtonStep]) 
 
 
 def lowest_before(settings: NewtonSettings, history: Sequence[NewtonStep]) -> float:
-    """Lowest residual before a run began to stagnate, zero of one that does not; not yet set in its last step."""
+    """Lowest residual before a run began to stagnate, zero if it does not; not yet set in its last step."""
     before = history[-2].stagnates_from if len(history) > 1 else 0.0
     if before:
         return before if history[-1].residual > settings.stagnates_until * before else 0.0
@@ -84,7 +84,7 @@ def lowest_before(settings: NewtonSettings, history: Sequence[NewtonStep]) -> fl
 
 
 def stagnation_cfl(settings: NewtonSettings, history: Sequence[NewtonStep], is_long: bool) -> float:
-    """CFL number of the next step of a run that stagnates: short at first, then as long as growth allows."""
+    """CFL number of the next step of a stagnating run: short at first, then as long as growth allows."""
     cfl, length, growth = history[-1].cfl, history[-1].length, history[-1].course.growth
     if not history[-2].stagnates_from:
         return min(cfl, settings.long_rest_cfl if is_long else settings.first_cfl)
@@ -98,7 +98,7 @@ def stagnation_cfl(settings: NewtonSettings, history: Sequence[NewtonStep], is_l
 
 
 def since_stagnation(history: list[NewtonStep]) -> list[NewtonStep]:
-    """Steps of a run that stagnates, from the first one that did on; all of another. Past a fold residuals rise."""
+    """Steps of a stagnating run, from the first stagnating one; all steps of other runs. Past a fold residuals rise."""
     first = len(history)
     while history[first - 1].stagnates_from:
         first -= 1

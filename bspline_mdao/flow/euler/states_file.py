@@ -1,4 +1,4 @@
-"""Files of the states of a flow, to start from again: on any number of processes, or another member of the family.
+"""Files of the states of a flow, for restarts: on any number of processes, or another member of the family.
 
 Layout, version 1 (HDF5)::
 
@@ -34,25 +34,25 @@ __all__ = ["StatesFile", "read_states"]
 FORMAT, VERSION = "bspline_mdao flow states", 1
 
 LARGEST = 9
-"""Numerators and denominators of the factors of members that are tried."""
+"""Numerators and denominators of the factors of members to try."""
 
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MemoryError)
-"""What h5py, JSON and types raise on damaged files."""
+"""Exceptions of h5py, JSON and types on damaged files."""
 
 
 @dataclass(frozen=True, eq=False)
 class StatesFile:
-    """States of a flow and what it was a flow of."""
+    """States of a flow, with its grid and conditions."""
 
     states: np.ndarray  # (n_cells, 5), states of all cells
     shapes: tuple[tuple[int, ...], ...]  # nodes of every block in each direction
     # alpha, mach: angle of attack (deg) and Mach number
     alpha: float
     mach: float
-    residual: float  # residual, relative to that of the uniform stream
+    residual: float  # residual, relative to the uniform stream's
 
     def __post_init__(self) -> None:
-        """Refuse what no flow can start from, whoever wrote it."""
+        """Refuse states from which no flow can start, whatever their source."""
         if any(len(shape) != 3 or not all(type(n) is int and n > 1 for n in shape) for shape in self.shapes):
             raise InputError("the blocks of states have no three numbers of nodes of two and more; save them again")
         n_cells = BlockLayout.of(self.shapes).cells.size
@@ -71,7 +71,7 @@ class StatesFile:
                 raise InputError(f"the states have {name} {value!r:.40}, which is no number; save them again")
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write the file; one that is there is replaced only when the new one is complete."""
+        """Write the file; an existing one is replaced only when the new one is complete."""
         numbers = {"alpha": self.alpha, "Mach_number": self.mach, "residual": self.residual}
         document = json.dumps({"shapes": self.shapes, **numbers}).encode()
         with replaced_hdf5_file(path) as file, deferred_interrupts():
@@ -121,12 +121,12 @@ def read_states(
             f"{path}: the states are of a grid of {len(file.shapes)} blocks and {len(file.states)} cells that is no "
             f"member of the family of {topology.source}; give states of that grid, or start without them"
         )
-    # means of pieces, no polynomials: densities and pressures stay positive, at shocks as well
+    # piecewise means, not polynomials: densities and pressures stay positive, even at shocks
     return CellTransfer.of(member, topology).spread(file.states), file.alpha
 
 
 def _member(topology: Topology, shapes: Sequence[tuple[int, ...]]) -> Topology | None:
-    """Topology of the member of the family that has these shapes, if there is one."""
+    """Topology of the member of the family with these shapes, if there is one."""
     if len(shapes) != len(topology.shapes):
         return None
     ratio = _edges(shapes) / _edges(topology.shapes)

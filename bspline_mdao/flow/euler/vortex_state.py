@@ -1,4 +1,4 @@
-"""The state of a free stream that a vortex disturbs, see `.far_field`.
+"""The state of a free stream disturbed by a vortex, see `.far_field`.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -17,12 +17,12 @@ FULL_TURN = 2.0 * np.pi
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def vortex_state(
-    stream,  # slower than sound
-    lift,  # its velocity, turned into the direction of the lift
-    circulation,  # by its speed
+    stream,  # subsonic
+    lift,  # its velocity, rotated into the direction of the lift
+    circulation,  # divided by its speed
     offset,  # from the vortex (m)
 ):
-    """State with the velocity that the vortex adds, and the entropy and total enthalpy of the stream."""
+    """State with the velocity added by the vortex, and the entropy and total enthalpy of the stream."""
     rho, u, v, w, p = stream
     speed, sound = u * u + v * v + w * w, GAMMA * p / rho
     beta_squared = 1.0 - speed / sound

@@ -1,8 +1,8 @@
-"""The condition at walls, and what it makes of the flux through a face: kernels take fluxes of all faces from here.
+"""The condition at walls, and the resulting flux through a face: kernels take fluxes of all faces from here.
 
-Nothing flows through a wall, and flow without friction slips along it. So its flux is that of the pressure alone,
-``(0, p S, 0)``, p that of the mean state, which is extrapolated to the wall, see `.reconstruction`. Planes of symmetry
-are such walls. Through all other faces flows what `.flux` says.
+Nothing flows through a wall, and inviscid flow slips along it. So its flux is due to the pressure only, ``(0, p S,
+0)``, with the pressure p of the mean state, which is extrapolated to the wall, see `.reconstruction`. Planes of
+symmetry are such walls. The fluxes through all other faces are in `.flux`.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -58,7 +58,7 @@ def flux_through_vjp(role, mean, jump, s, sigma, bar):
 @njit(cache=True, error_model="numpy", nogil=True)
 def state_jacobian(role, mean, jump, s, sigma, jacobian):
     """Fill in the derivatives of the flux with respect to mean state and jump, shape (5, 10)."""
-    # One row after the other, and written out: what is multiplied by zero is not compiled.
+    # Row by row, and written out: multiplications by zero are not compiled.
     if is_wall(role):
         jacobian[:] = 0.0
         for n in range(3):

@@ -1,8 +1,8 @@
 """Forces of the pressures on the nodes of a wall, for a structure that carries them.
 
 The force on a wall face, dynamic pressure times Cp times area vector, acts at the mean of its corners; each corner
-takes a quarter of it. So the nodes carry the force and the moment of the faces, those of `FlowForces`, to round-off,
-about any point: what the weights change is only where on the face the force acts, not its sum or its moment.
+takes a quarter of it. So the nodes carry the force and the moment of the faces, as in `FlowForces`, to round-off, about
+any point: the weights only change where on the face the force acts, not its sum or its moment.
 
 Theory: ``docs/theory/aerostructure.rst``.
 """
@@ -25,19 +25,19 @@ class WallForces:
     """Forces on the nodes of a surface from the states of all cells. Made by `WallForces.of`."""
 
     faces: np.ndarray  # (n_faces,) of int, wall faces that belong to the surface
-    weights: csr_array  # (n_points, n_faces), part of the force on each face that each node takes
+    weights: csr_array  # (n_points, n_faces), fraction of the force on each face that each node takes
     pressure: WallPressure  # pressure coefficients on all wall faces
 
     @classmethod
     def of(
         cls,
         flow: FlowGrid,  # faces and stencils of the flow
-        # (n_quads, 4) of int, numbers of the corners of the surface's quads; those that are no wall of the flow get no
-        # force
+        # (n_quads, 4) of int, numbers of the corners of the surface's quads; quads that are not on a wall of the flow
+        # get no force
         quads: np.ndarray,
         rows: np.ndarray,  # (n_points,) of int, row in the grid vector of each node of the surface, ascending
     ) -> WallForces:
-        """Find the wall faces of a flow, or of a part of it, that a surface is made of."""
+        """Find the wall faces of a flow, or of a part of it, that form a surface."""
         walls = flow.walls
         ours = walls.faces_on(rows[quads])
         corners = walls.rows_of_corners[ours]

@@ -1,7 +1,7 @@
-"""The walls of a flow, which all processes have in whole: their pressures and nodes are few, and forces need them all.
+"""The walls of a flow, complete on all processes: their pressures and nodes are few, and forces need them all.
 
-The process that has the cell behind a wall face gives its pressure, the one that holds a node its place; a sum over the
-processes hands them to all. With one process nothing is handed on, and nodes are those of the grid.
+The process that has the cell behind a wall face provides its pressure, the one that holds a node its place; a sum over
+the processes distributes them. With one process nothing is sent, and nodes are the grid's.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -28,18 +28,18 @@ class Walls:
 
     comm: Any  # the processes
     corners: np.ndarray  # (n_wall, 4) of int, corners of all wall faces, in `nodes`
-    # (n_nodes,) of int, rows in the grid vector of these nodes, ascending; None where they are all of the grid, of one
-    # process
+    # (n_nodes,) of int, rows in the grid vector of these nodes, ascending; None if they are all nodes of the grid, on
+    # one process
     rows: np.ndarray | None
     owned: np.ndarray  # (n_own,) of int, wall faces whose cells this process has
-    # held, places: (n_here,) of int, nodes of this process that are on walls, and which of `nodes` they are
+    # held, places: (n_here,) of int, nodes of this process that are on walls, and their numbers in `nodes`
     rows_here: np.ndarray
     places: np.ndarray
     n_here: int  # nodes of this process
 
     @classmethod
     def of(cls, faces: CellFaces) -> Walls:
-        """List the walls of the faces of one process."""
+        """List the walls among the faces of one process."""
         corners, none = faces.corners_of("wall"), np.zeros(0, int)
         return cls(ONE, corners, None, np.arange(len(corners)), none, none, 0)
 
@@ -47,7 +47,7 @@ class Walls:
     def of_subdomain(cls, faces: CellFaces, partition: Partition, exchange: Halo) -> Walls:
         """List the walls of all processes, from the faces of each and the exchange of their nodes."""
         comm, wall = exchange.comm, faces.faces_of("wall")
-        assert faces.numbers_in_grid is not None  # they are those of a subdomain
+        assert faces.numbers_in_grid is not None  # true for a subdomain
         owned_rows = partition.subdomain(comm.rank).rows
         corners = exchange.extend(owned_rows)[faces.corners[wall]]
         numbers = faces.numbers_in_grid[wall - faces.n_inner]
@@ -70,7 +70,7 @@ class Walls:
         return np.flatnonzero(np.isin(_keys(self.rows_of_corners), _keys(quads)))
 
     def nodes(self, nodes: np.ndarray) -> np.ndarray:
-        """Nodes of all walls, shape (n_nodes, 3), of those of this process."""
+        """Nodes of all walls, shape (n_nodes, 3), from nodes of this process."""
         if self.rows is None:
             return nodes
         on_walls = np.zeros((len(self.rows), 3), nodes.dtype)
@@ -86,7 +86,7 @@ class Walls:
         return owned
 
     def gather(self, values: np.ndarray) -> np.ndarray:
-        """Values on all wall faces, shape (n_wall,), of those of this process, shape (n_own,)."""
+        """Values on all wall faces, shape (n_wall,), from those of this process, shape (n_own,)."""
         if self.rows is None:
             return values
         on_walls = np.zeros(len(self.corners), values.dtype)
@@ -95,6 +95,6 @@ class Walls:
 
 
 def _keys(corners: np.ndarray) -> np.ndarray:
-    """One value for each quad that tells it from others, whichever corner comes first: shape (n,)."""
+    """One value for each quad that identifies it, whichever corner comes first: shape (n,)."""
     ordered = np.ascontiguousarray(np.sort(corners, axis=1), dtype=np.int64)
     return ordered.view([("", np.int64)] * 4).ravel()

@@ -1,6 +1,6 @@
 """Moments about axes: the bending moment at the root of a wing, and hinge moments of control surfaces.
 
-Which faces belong to a control surface is decided on the baseline and kept.
+The faces of a control surface are determined on the baseline and kept.
 
 Theory: ``docs/theory/far_field.rst``.
 """
@@ -22,18 +22,18 @@ __all__ = ["AxisMoment", "HingeLoads", "hinge_moment", "hinge_moment_rates"]
 
 @dataclass(frozen=True, eq=False)
 class AxisMoment(OneLine):
-    """Coefficient of the moment of some forces about an axis, positive by the right hand from its first point on."""
+    """Coefficient of the moment of some forces about an axis, positive by the right-hand rule from its first point."""
 
-    points: csr_array  # (n_forces, n_nodes), weights of the nodes of a grid in the points that forces act at
-    weights: np.ndarray  # (n_forces,), part of each force that counts
-    # (2, n_nodes), weights of the nodes in the two points of the axis; none where it does not move with the grid
+    points: csr_array  # (n_forces, n_nodes), weights of the nodes of a grid in the points of application
+    weights: np.ndarray  # (n_forces,), fraction of each force that counts
+    # (2, n_nodes), weights of the nodes in the two points of the axis; none if it does not move with the grid
     ends: csr_array
-    offsets: np.ndarray  # (2, 3), what is added to these (m)
+    offsets: np.ndarray  # (2, 3), added to these (m)
     volume: float  # reference area times reference chord (m^3)
 
     @classmethod
     def about_fixed(cls, points: csr_array, weights: np.ndarray, axis: Sequence, volume: float) -> AxisMoment:
-        """Take an axis that stays, given by two points (m), shape (2, 3)."""
+        """Take a fixed axis, given by two points (m), shape (2, 3)."""
         none = csr_array((2, points.shape[1]))
         return cls(points, weights, none, np.array(axis, dtype=float), volume)
 
@@ -41,7 +41,7 @@ class AxisMoment(OneLine):
     def bending(
         cls,
         points: csr_array,  # (n_forces, n_nodes), see above
-        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m), which tell the side that a force is on
+        nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m), which determine the side of each force
         axes: np.ndarray,  # (3, 3), rows are the directions downstream, along the span, and up
         reference: ArrayLike,  # the reference point (m)
         volume: float,  # see above
@@ -55,7 +55,7 @@ class AxisMoment(OneLine):
 
     def evaluate(self, forces: np.ndarray, nodes: np.ndarray) -> float:
         """Coefficient of forces divided by the dynamic pressure (m^2), shape (n_forces, 3); real or complex."""
-        # Nodes are those of the grid (m), shape (n_nodes, 3).
+        # Nodes are the grid's (m), shape (n_nodes, 3).
         start, direction, _ = self._axis(nodes)
         arms = self.points @ nodes - start
         return self.weights @ np.cross(arms, forces) @ direction / self.volume
@@ -81,7 +81,7 @@ class AxisMoment(OneLine):
         return parts * np.cross(direction, arms), self.points.T @ arms_bar + self.ends.T @ ends_bar
 
     def _axis(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """First point, direction, and length of what is between the points."""
+        """First point, direction, and length of the vector between the points."""
         start, end = self.ends @ nodes + self.offsets
         length = np.sqrt(np.sum((end - start) ** 2))
         return start, (end - start) / length, length
@@ -89,14 +89,15 @@ class AxisMoment(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class HingeLoads(OneLine):
-    """Force and moment of what belongs to a control surface: of them follows its moment about any axis."""
+    """Force and moment of a control surface, from which its moment about any axis follows."""
 
-    # values are the force (m^2) and the moment about the origin below (m^3), by the dynamic pressure, shape (6,)
+    # values are the force (m^2) and the moment about the origin below (m^3), divided by the dynamic pressure, shape
+    # (6,)
 
-    name: str  # name of the six
-    points: csr_array  # (n_forces, n_nodes), weights of the nodes of a grid in the points that forces act at
-    weights: np.ndarray  # (n_forces,), part of each force that counts
-    origin: np.ndarray  # (3,), that the moment is about (m)
+    name: str  # name of the six values
+    points: csr_array  # (n_forces, n_nodes), weights of the nodes of a grid in the points of application
+    weights: np.ndarray  # (n_forces,), fraction of each force that counts
+    origin: np.ndarray  # (3,), reference point of the moment (m)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -139,7 +140,7 @@ def hinge_moment(
     axis: np.ndarray,  # (2, 3), two points of the axis (m)
     origin: np.ndarray,  # (3,), m
 ) -> complex:
-    """Moment (m^3) of `HingeLoads` about an axis, by the right hand from its first point to its second."""
+    """Moment (m^3) of `HingeLoads` about an axis, by the right-hand rule from its first point to its second."""
     line = axis[1] - axis[0]
     return (loads[3:] - np.cross(axis[0] - origin, loads[:3])) @ line / np.sqrt(np.sum(line**2))
 

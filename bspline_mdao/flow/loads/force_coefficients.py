@@ -1,4 +1,4 @@
-"""Coefficients of lift, drag and moment of forces that act at points.
+"""Coefficients of lift, drag and moment of forces at given points.
 
 Theory: ``docs/theory/far_field.rst``.
 """
@@ -19,7 +19,7 @@ __all__ = ["ForceCoefficients", "check_references"]
 
 
 def check_references(area: object, chord: object, reference: Sequence[float]) -> None:
-    """Refuse a reference area (m^2), a chord (m) and a point of the moments (m) that are none."""
+    """Refuse an invalid reference area (m^2), chord (m) and reference point of moments (m)."""
     for name, value, unit in (("area", area, "square metres"), ("chord", chord, "metres")):
         if not isinstance(value, Real) or not 0.0 < float(value) < np.inf:
             raise InputError(f"flow: reference {name} {value}; give a positive number of {unit}")
@@ -31,12 +31,12 @@ def check_references(area: object, chord: object, reference: Sequence[float]) ->
 class ForceCoefficients:
     """Coefficients of lift, ``CL``, drag, ``CD``, and moments about the axes x, y and z of the grid, ``CM``."""
 
-    points: csr_array  # (n_forces, n_nodes), weights of the nodes of a grid in the points that forces act at
+    points: csr_array  # (n_forces, n_nodes), weights of the nodes of a grid in the points of application
     axes: np.ndarray  # (3, 3), rows are the directions downstream, along the span, and up
     # area, chord: reference area (m^2) and chord (m)
     area: float
     chord: float
-    reference: Sequence[float]  # point that moments are taken about (m)
+    reference: Sequence[float]  # reference point of moments (m)
 
     outputs = ("CL", "CD", "CM")
 

@@ -1,4 +1,4 @@
-"""Control surfaces of a wing: which of its wall belongs to one, and the axis that its hinge moment is about.
+"""Control surfaces of a wing: their parts of the wall, and the axes of their hinge moments.
 
 Theory: ``docs/theory/far_field.rst``.
 """
@@ -25,8 +25,8 @@ __all__ = ["HingeMoment"]
 class HingeMoment(OneLine):
     """A hinge moment: of the wall within a box along chord and span, or of some faces of it, about an axis.
 
-    A quad of the wall that lies in the box in part counts in part. Where no axis is given it is the foremost line of
-    the box, halfway between the sides of the wing in so far as it lies between leading and trailing edge; it moves with
+    A quad of the wall that lies partly in the box counts in part. If no axis is given, it is the foremost line of the
+    box, halfway between the sides of the wing as long as it lies between leading and trailing edge; it moves with
     these, and a positive moment turns the trailing edge down.
 
     Parameters
@@ -38,11 +38,11 @@ class HingeMoment(OneLine):
     span : tuple of float
         Ends of the box along the span: 0 at span 0, 1 at the tip; negative on the negative side of a whole wing.
     axis : sequence of two points or Hinge, optional
-        Two points of the axis (m), in the axes of the grid; it stays where it is, and a positive moment turns by the
-        right hand from the first to the second. Of a `bspline_mdao.design.Hinge` with a name, the axis is where design
-        variables put it: its name is an input of the flow, as it is an output of `GridMovement`.
+        Two points of the axis (m), in the axes of the grid; it is fixed, and a positive moment follows the right-hand
+        rule from the first to the second. For a `bspline_mdao.design.Hinge` with a name, design variables place the
+        axis: its name is an input of the flow, as it is an output of `GridMovement`.
     reference_area, reference_chord : float, optional
-        Area (m^2) and chord (m) that the moment is divided by; those of the flow by default.
+        Area (m^2) and chord (m) for the moment coefficient; by default the flow's.
     patches : str, sequence of str or SurfaceGrid, optional
         Patches that belong to it, by name or pattern (``"flap*"``), or the surface; all walls by default.
 
@@ -87,11 +87,11 @@ class HingeMoment(OneLine):
 
     @property
     def loads(self) -> str:
-        """Name of force and moment, of which the coefficient about a `Hinge` is made."""
+        """Name of force and moment, from which the coefficient about a `Hinge` is computed."""
         return f"loads_{self.name}"
 
     def volume(self, references: tuple[float, float]) -> float:
-        """What its moment is divided by (m^3), of reference area (m^2) and chord (m) of the flow."""
+        """Divisor of its moment (m^3), from reference area (m^2) and chord (m) of the flow."""
         return (self.reference_area or references[0]) * (self.reference_chord or references[1])
 
     def moment(
@@ -103,16 +103,16 @@ class HingeMoment(OneLine):
         faces: np.ndarray,
         is_within: np.ndarray,
     ) -> AxisMoment | HingeLoads:
-        """Decide on the baseline which forces count, and about which axis.
+        """Determine on the baseline which forces count, and about which axis.
 
         Parameters
         ----------
         points : csr_array, shape (n_faces, n_nodes)
-            Weights of the nodes in the points that forces act at.
+            Weights of the nodes in the points of application.
         references : tuple of float
             Reference area (m^2) and chord (m) of the flow.
         strips : SpanStrips
-            Give leading and trailing edge.
+            Provide leading and trailing edge.
         nodes : ndarray, shape (n_nodes, 3)
             Baseline nodes (m).
         faces : ndarray of int, shape (n_faces, 4)
@@ -145,7 +145,7 @@ class HingeMoment(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class _Edges:
-    """Leading and trailing edge of the baseline at the stations, by parts of the span in ascending order."""
+    """Leading and trailing edge of the baseline at the stations, by fractions of the span in ascending order."""
 
     strips: SpanStrips
     order: np.ndarray
@@ -164,14 +164,14 @@ class _Edges:
         return cls(strips, order, span[order] / size, leading[order, 0], trailing[order, 0], side, size)
 
     def places(self, nodes: np.ndarray) -> np.ndarray:
-        """Parts of the span and of the chord at which nodes are, shape (n_nodes, 2)."""
+        """Fractions of the span and of the chord of nodes, shape (n_nodes, 2)."""
         x, y, _ = (nodes @ self.strips.axes.T).T
         part = self.side * y / self.size
         first, last = (np.interp(part, self.parts, edge) for edge in (self.leading, self.trailing))
         return np.stack([part, (x - first) / np.maximum(last - first, np.finfo(float).tiny)], axis=1)
 
     def line(self, chord: float, span: np.ndarray) -> np.ndarray:
-        """Weights of the nodes in points at a part of the chord and at parts of the span, shape (2, n_nodes)."""
+        """Weights of the nodes in points at a fraction of the chord and at fractions of the span, (2, n_nodes)."""
         at = np.stack([np.interp(span, self.parts, unit) for unit in np.eye(len(self.order))], axis=1)
         between = np.empty_like(at)
         between[:, self.order] = at
@@ -179,11 +179,11 @@ class _Edges:
 
 
 _FLAT = 1e-9
-"""Extent, relative to span or chord, of a quad that has none."""
+"""Extent, relative to span or chord, below which a quad has none."""
 
 
 def _covered(places: np.ndarray, ends: Sequence[float]) -> np.ndarray:
-    """Part of the extent of every quad, corners of shape (n, 4), that lies between two ends."""
+    """Fraction of the extent of every quad, corners of shape (n, 4), between two ends."""
     low, high = places.min(axis=1), places.max(axis=1)
     extent = high - low
     inside = np.minimum(high, ends[1] + _FLAT) - np.maximum(low, ends[0] - _FLAT)

@@ -2,19 +2,19 @@
 
 There the wake is a row of straight vortices that trail from the edges of the strips of a wing (`Wake`). With the
 circulation ``g_i`` of strip i, its trace ``t_i`` in the plane from one trailing vortex to the next and a point ``m_i``
-of that, its middle or another one, and the strengths ``s_j`` of the vortices at ``p_j``, the differences of the
+on it, its midpoint or another one, and the strengths ``s_j`` of the vortices at ``p_j``, the differences of the
 circulations::
 
     lift / (rho V) = sum_i g_i t_iy,     drag / rho = 1/(4 pi) sum_ij g_i s_j (m_i - p_j) . t_i / |m_i - p_j|^2
 
-From forces on the wall (`InducedDrag`), the lift of a strip per length of its trace is its circulation (Kutta and
-Joukowski). With the angle ``t`` of a cosine along the trace, ``s = S cos t``, a load that goes to zero at the tips is a
-sum of sines ``sin(n t)``. The first is the ellipse, and alone carries the lift: it is taken from that. A few more are
-fitted to the strips by least squares, and not as many as there are strips, since the pressures at a tip are those of a
-vortex that rolls up over its side: a wake that leaves the trailing edge alone would take the load there for drag.
+From forces on the wall (`InducedDrag`), the lift of a strip per length of its trace is its circulation
+(Kutta-Joukowski). With the angle ``t`` of a cosine along the trace, ``s = S cos t``, a load that goes to zero at the
+tips is a sum of sines ``sin(n t)``. The first is the ellipse, and it alone carries the lift, from which it is computed.
+A few more are fitted to the strips by least squares, fewer than there are strips, since the pressures at a tip are due
+to a vortex that rolls up over its side: a wake that only leaves the trailing edge would count the load there as drag.
 
-The sum is then given to many vortices at equal intervals of the angle; if the downwash is taken half-way between two
-*angles*, sums over vortices are integrals of trigonometric polynomials without error.
+The sum is then distributed to many vortices at equal intervals of the angle. If the downwash is taken halfway between
+two *angles*, sums over vortices are exact integrals of trigonometric polynomials.
 
 Theory: ``docs/theory/far_field.rst`` and, for a vortex lattice, ``docs/theory/vortex_lattice.rst``.
 """
@@ -35,26 +35,19 @@ __all__ = ["InducedDrag", "Wake", "least_drag"]
 
 
 HARMONICS = 4
-"""Sines that the load of a half wing is made of, the odd ones up to ``sin(7 t)``; twice as many of a whole wing."""
+"""Number of sines of the load of a half wing, the odd ones up to ``sin(7 t)``; twice as many for a whole wing."""
 
 _FINE = 64
-"""Strips of the wake of a half wing: the drag of an elliptical load is then 5e-5 too small."""
+"""Strips of the wake of a half wing: the drag of an elliptical load is then too small by 5e-5."""
 
 
 @dataclass(frozen=True, eq=False)
 class InducedDrag:
     """Span load and induced drag as functions of forces, nodes and angle of attack. Make it by `of` or `of_vortices`.
 
-    Parameters
-    ----------
-    strips : SpanStrips
-        The n strips of the wing.
-    loads : ndarray, shape (m, n)
-        Weights of their loads in those of the strips of the wake.
-    points : ndarray, shape (m + 1, n + 1)
-        Weights of the points of the trailing edge in those that the vortices of the wake leave from.
-    places : ndarray, shape (m,)
-        Where the downwash is taken, see `Wake`.
+    ``loads``, shape (m, n), are the weights of the loads of the n ``strips`` of the wing in those of the wake.
+    ``points``, shape (m + 1, n + 1), are the weights of the points of the trailing edge in the origins of the wake's
+    vortices. ``places``, shape (m,), are the points of the downwash, see `Wake`.
     """
 
     strips: SpanStrips
@@ -83,13 +76,13 @@ class InducedDrag:
 
     @classmethod
     def of_vortices(cls, strips: SpanStrips) -> InducedDrag:
-        """Take the strips for those of the wake: right where the loads solve for vortices between just these strips."""
+        """Use the strips as those of the wake: exact if the loads come from vortices between just these strips."""
         n = strips.n_strips
         return cls(strips, np.eye(n), np.eye(n + 1), np.full(n, 0.5))
 
     @classmethod
     def none(cls, strips: SpanStrips) -> InducedDrag:
-        """Give no drag, and the span load alone: a wing from wall to wall has no wake."""
+        """Return no drag, and only the span load: a wing from wall to wall has no wake."""
         n = strips.n_strips
         return cls(strips, np.zeros((n, n)), np.eye(n + 1), np.full(n, 0.5))
 
@@ -101,8 +94,8 @@ class InducedDrag:
     ) -> tuple[np.ndarray, float]:
         """Span load and induced drag; real or complex."""
         # Returns span_load: (n,), lift of every strip per length, divided by the dynamic pressure, at right angles to
-        # the stream and to the strip's trace (m); twice its circulation divided by the speed; drag: induced drag of
-        # what is there, a half wing or a whole one, divided by the dynamic pressure (m^2).
+        # the stream and to the strip's trace (m), which is twice its circulation divided by the speed; drag: induced
+        # drag of the modelled part, a half wing or a whole one, divided by the dynamic pressure (m^2).
         trace, turn = _trace(self.strips, nodes, alpha)
         load = _Lift(np.diff(trace, axis=0), self.strips.face_weights @ forces @ turn.T).per_length
         return load, self._factor * self._wake(trace, load).drag
@@ -149,9 +142,9 @@ class InducedDrag:
         self,
         nodes: np.ndarray,  # (n_nodes, 3), nodes of the grid (m), from which the wake trails
         alpha: float,  # angle of attack (rad)
-        lift: float,  # lift of what is there, divided by the dynamic pressure (m^2), as the drag is
+        lift: float,  # lift of the modelled part, divided by the dynamic pressure (m^2), like the drag
     ) -> float:
-        """Least induced drag of any load along the span, of an elliptical one where the wake is plane (Munk)."""
+        """Minimum induced drag over all loads along the span; the load is elliptical if the wake is plane (Munk)."""
         if not self.loads.any():  # from wall to wall
             return 0.0
         points = self.points @ _trace(self.strips, nodes, alpha)[0]
@@ -159,7 +152,7 @@ class InducedDrag:
 
     @property
     def _factor(self) -> float:
-        """Drag divided by the dynamic pressure, relative to that of the whole wake at unit speed and density."""
+        """Drag divided by the dynamic pressure, relative to the drag of the whole wake at unit speed and density."""
         return 1.0 if self.strips.is_symmetric else 2.0
 
     def _wake(self, trace: np.ndarray, load: np.ndarray) -> Wake:
@@ -186,7 +179,7 @@ class _Lift:
 
     @property
     def slopes(self) -> np.ndarray:
-        """Derivatives of that with respect to the trace and to the force, shape (2, n, 2)."""
+        """Derivatives of this with respect to the trace and to the force, shape (2, n, 2)."""
         up = np.stack([-self.widths[:, 1], self.widths[:, 0]], axis=1)
         turned = np.stack([self.forces[:, 1], -self.forces[:, 0]], axis=1)
         return np.stack([turned - 2.0 * self.per_length[:, None] * self.widths, up]) / self._squares[:, None]
@@ -208,7 +201,7 @@ def _turn_slope(axes: np.ndarray, alpha: float) -> np.ndarray:
 
 
 def _sines(strips: SpanStrips) -> np.ndarray:
-    """Multiples of the angle; the load of a symmetric wing has the odd ones alone."""
+    """Multiples of the angle; the load of a symmetric wing only has the odd ones."""
     step = 2 if strips.is_symmetric else 1
     return np.arange(1, 1 + step * min(2 * HARMONICS // step, strips.n_strips), step)
 
@@ -240,13 +233,13 @@ class Wake(OneLine):
     Parameters
     ----------
     points : ndarray, shape (n + 1, 2)
-        Where they cross the Trefftz plane: coordinates y, to the right, and z, up (m). Real or complex.
+        Their intersections with the Trefftz plane: coordinates y, to the right, and z, up (m). Real or complex.
     circulations : ndarray, shape (n,)
-        Of the strips between them (m^2/s), positive where they lift. Real or complex.
+        Circulations of the strips between them (m^2/s), positive if they lift. Real or complex.
     is_symmetric : bool
-        The right half is the mirror image about y = 0 and counts as well.
+        Whether the right half is the mirror image about y = 0, and counts as well.
     places : float or ndarray, shape (n,)
-        Where the downwash is taken, as a part of the way from one vortex to the next.
+        Points of the downwash, as fractions of the way from one vortex to the next.
 
     Examples
     --------
@@ -322,32 +315,32 @@ class Wake(OneLine):
 
     @cached_property
     def _images(self) -> list[tuple[float, np.ndarray, np.ndarray]]:
-        """Sign and mirror of the vortices and of their image, and the arms (n, n + 1, 2) from them to the places."""
+        """Sign and mirror of the vortices and of their images, and the arms (n, n + 1, 2) from them to the places."""
         places = (1.0 - self._parts) * self.points[:-1] + self._parts * self.points[1:]
         images = [(1.0, np.ones(2)), (-1.0, _MIRROR)] if self.is_symmetric else [(1.0, np.ones(2))]
         return [(sign, mirror, places[:, None] - mirror * self.points) for sign, mirror in images]
 
 
 def least_drag(points: np.ndarray, lift: float, is_symmetric: bool = True, places: float | np.ndarray = 0.5) -> Wake:
-    """Find the circulations of least induced drag for a lift and a trace of the wake (Munk).
+    """Find the circulations of minimum induced drag for a lift and a trace of the wake (Munk).
 
     Parameters
     ----------
     points : ndarray, shape (n + 1, 2)
-        Where the vortices cross the Trefftz plane (m), see `Wake`.
+        Intersections of the vortices with the Trefftz plane (m), see `Wake`.
     lift : float
         Lift divided by density and speed (m^3/s).
     is_symmetric, places : bool, and float or ndarray of shape (n,)
-        As for `Wake`.
+        As in `Wake`.
 
     Returns
     -------
     Wake
-        The optimum: where the drag is stationary, the downwash divided by the trace's slope is the same along the span.
+        The optimum: the drag is stationary where the downwash divided by the trace's slope is the same along the span.
 
     Notes
     -----
-    With n strips of one width across a whole flat wing of span b the least drag divided by density is
+    With n strips of equal width across a whole flat wing of span b the minimum drag divided by density is
     ``2 lift^2 / (pi b^2) n / (n + 1)``: the discrete span efficiency is ``1 + 1/n``, not 1.
 
     Examples

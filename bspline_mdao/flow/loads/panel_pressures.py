@@ -1,8 +1,8 @@
 """Pressure differences across the panels of a lattice, from the forces on them.
 
-The difference of the pressure coefficients below and above a thin wing is the force along the normal of the panel by
-its area and the dynamic pressure: ``delta_Cp = F . N / N . N``, with the area vector ``N`` of the panel, half the cross
-product of its diagonals, which points up. It is positive where the panel lifts.
+The difference of the pressure coefficients below and above a thin wing is the force along the normal of the panel
+divided by its area and the dynamic pressure: ``delta_Cp = F . N / N . N``, with the area vector ``N`` of the panel,
+half the cross product of its diagonals, which points up. It is positive where the panel lifts.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Rigid links between the nodes of a surface and those of a beam: displacements one way, loads the other.
+"""Rigid links between the nodes of a surface and of a beam: displacements one way, loads the other.
 
-Point i of the surface, at x_i, hangs on nodes k of the beam, at X_k with displacements t_k and rotations theta_k:
+Point i of the surface, at x_i, is linked to nodes k of the beam, at X_k with displacements t_k and rotations theta_k:
 
     u_i = sum_k w_ik (t_k + theta_k x (x_i - X_k))          displacements
     F_k = sum_i w_ik f_i                                    forces, and
     M_k = sum_i w_ik (x_i - X_k) x f_i                      moments, of the forces f_i on the surface
 
 The loads are the transpose of the displacements: they do the same work, and have the same force and moment about any
-point, those of the surface before it is displaced. Weights are those of the baseline and stay. Rotations are small:
+point as the forces on the undisplaced surface. Weights are computed on the baseline and fixed. Rotations are small:
 they are applied to first order.
 
 Theory: ``docs/theory/aerostructure.rst``.
@@ -39,7 +39,7 @@ class RigidLinks(OneLine):
     Parameters
     ----------
     weights : csr_array, shape (n_points, n_nodes)
-        Weight of each node of the beam in each point; those of a point sum to 1.
+        Weight of each node of the beam in each point; the weights of a point sum to 1.
 
     Examples
     --------
@@ -63,16 +63,16 @@ class RigidLinks(OneLine):
         points : ndarray, shape (n_points, 3)
             Points of the surface on the baseline (m).
         beam : ndarray, shape (n_nodes, 3)
-            Nodes of the beam on the baseline in their order along it (m).
+            Nodes of the beam on the baseline in order along it (m).
         along : sequence of three float, optional
-            Direction, such as that of the span, in which alone distances count. Points in a plane of symmetry across
-            it then hang on the end of the beam there, and stay in the plane where that is clamped, even if the beam is
-            swept.
+            The only direction in which distances count, such as the span. Points in a plane of symmetry normal to it
+            are then linked to the end of the beam there, and stay in the plane if this end is clamped, even for a swept
+            beam.
 
         Raises
         ------
         InputError
-            If the beam has no two nodes, or neighbours at one place, or the direction is none.
+            If the beam has fewer than two nodes, or neighbours coincide, or the direction is zero.
         """
         points = as_finite_points(points, len(points), "links: points of the surface")
         beam = as_finite_points(beam, len(beam), "links: nodes of the beam")
@@ -84,7 +84,7 @@ class RigidLinks(OneLine):
         if not len(arms) or not squares.all():
             raise InputError("links: give the beam two nodes at least, and none beside the one before it")
         best, element, place = np.full(len(points), np.inf), np.zeros(len(points), dtype=int), np.zeros(len(points))
-        for k, (start, arm, square) in enumerate(zip(beam, arms, squares)):  # elements are few, points are many
+        for k, (start, arm, square) in enumerate(zip(beam, arms, squares)):  # few elements, many points
             at = np.clip((points - start) @ arm / square, 0.0, 1.0)
             distance = np.linalg.norm(points - start - at[:, None] * arm, axis=1)
             nearer = distance < best

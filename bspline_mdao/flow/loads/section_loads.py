@@ -16,24 +16,24 @@ from .span_strips import SpanStrips
 __all__ = ["SECTION_LOADS", "SectionLoads"]
 
 SECTION_LOADS = ("strip_span", "strip_chord", "strip_cl", "strip_cd", "strip_cm")
-"""Of what every strip has."""
+"""Numbers per strip."""
 
 _N = 19
-"""Numbers of a strip: force, moment, two points of the leading and two of the trailing edge, and the angle."""
+"""Values of a strip: force, moment, two points of the leading and two of the trailing edge, and the angle."""
 
 
 @dataclass(frozen=True, eq=False)
 class SectionLoads:
     """Place along the span (m), chord (m), and coefficients of lift, drag and moment of every strip."""
 
-    # Lift is that of the span load: at right angles to the stream and to the strip's trace in the plane across the
+    # Lift is as in the span load: at right angles to the stream and to the strip's trace in the plane across the
     # stream; drag is along the stream; both are divided by the chord and the width of the trace. The moment is about
-    # the quarter chord, positive where it turns the nose up, divided by the square of the chord. The chord goes from
-    # the middle of the strip's leading edge to that of its trailing edge, the points being those that were foremost and
+    # the quarter chord, positive if it turns the nose up, divided by the square of the chord. The chord goes from the
+    # middle of the strip's leading edge to the middle of its trailing edge; the points are those that were foremost and
     # last on the baseline.
 
     strips: SpanStrips  # the n strips of the wing
-    points: csr_array  # (n_forces, n_nodes), weights of the nodes of the grid in the points that forces act at
+    points: csr_array  # (n_forces, n_nodes), weights of the nodes of the grid in the points of application
 
     outputs = SECTION_LOADS
 
@@ -87,7 +87,7 @@ class SectionLoads:
         return forces_bar @ self.strips.axes, nodes_bar @ self.strips.axes, bar[:, 18].sum()
 
     def _numbers(self, forces: np.ndarray, nodes: np.ndarray, alpha: float) -> np.ndarray:
-        """What the loads of each strip are made of, shape (n, 19)."""
+        """The values from which the loads of each strip are computed, shape (n, 19)."""
         forces, nodes = self._turned(forces), self._turned(nodes)
         weights = self.strips.face_weights
         return self._joined(weights @ forces, weights @ np.cross(self.points @ nodes, forces), nodes, alpha)
@@ -112,7 +112,7 @@ class SectionLoads:
 
 
 class _Strip:
-    """Values of strips and their slopes, in the axes of the stream; numbers have shape (n, 19)."""
+    """Loads of strips and their slopes, in the axes of the stream; inputs have shape (n, 19)."""
 
     def __init__(self, numbers: np.ndarray):
         alpha = numbers[:, 18]
@@ -137,7 +137,7 @@ class _Strip:
         )
 
     def slopes(self, change: np.ndarray) -> np.ndarray:
-        """Change of the values, shape (5, ..., n), with a change of the numbers, shape (..., n, 19)."""
+        """Change of the values, shape (5, ..., n), with a change of the inputs, shape (..., n, 19)."""
         turned = np.stack([self.vectors[:, 2], 0.0 * self.vectors[:, 1], -self.vectors[:, 0]], axis=1)
         d_vectors = self._to_stream(change) + _spread(turned, change) * change[..., 18]
         d_force, d_moment, d_leading, d_trailing = self._reduced(d_vectors)
@@ -165,7 +165,7 @@ class _Strip:
         )
 
     def _to_stream(self, numbers: np.ndarray) -> np.ndarray:
-        """Vectors among the numbers in the axes of the stream, shape (6, 3, ..., n)."""
+        """Vectors among the inputs in the axes of the stream, shape (6, 3, ..., n)."""
         x, y, z = (np.moveaxis(numbers[..., axis:18:3], -1, 0) for axis in range(3))
         return np.stack([x * self.cosine + z * self.sine, y, z * self.cosine - x * self.sine], axis=1)
 

@@ -1,8 +1,8 @@
 """Strips of a wing between stations along its span, and the points of the trailing edge at the stations.
 
-Both are decided on the baseline and kept. A grid whose lines run around the sections has strips of its own: rows of
-wall quads that close around the wing, one after another from the plane of symmetry to the tip. On any other grid, quads
-are divided among strips of equal width by their extent along the span.
+Both are determined on the baseline and kept. A grid whose lines run around the sections has its own strips: rows of
+wall quads that close around the wing, from the plane of symmetry to the tip. On any other grid, quads are distributed
+to strips of equal width by their extent along the span.
 
 Theory: ``docs/theory/far_field.rst``.
 """
@@ -24,19 +24,19 @@ _NEAR = 1e-9
 """Distance, in spans, within which nodes are level with a station, or equally far downstream: round-off of a grid."""
 
 _SHORT = 1e-6
-"""Width of a strip, in spans, that is taken for none: that of collapsed quads at a tip."""
+"""Width of a strip, in spans, that counts as zero: collapsed quads at a tip."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpanStrips:
     """Strips from the left tip to the plane of symmetry, or to the right tip of a whole wing."""
 
-    face_weights: csr_array  # (n, n_faces), weights of the wall faces in every strip; those of a face add up to 1
+    face_weights: csr_array  # (n, n_faces), weights of the wall faces in every strip; the weights of a face sum to 1
     # (n + 1, n_nodes), weights of the nodes of the grid in the points of the trailing edge at the stations
     trailing: csr_array
     leading: csr_array  # (n + 1, n_nodes), the same for the leading edge: the foremost points of the baseline
     axes: np.ndarray  # (3, 3), rows are the directions downstream, along the span towards the last strip, and up
-    is_symmetric: bool  # the wing is one half of a symmetric one, whose plane is span 0
+    is_symmetric: bool  # whether the wing is one half of a symmetric one, whose plane is span 0
 
     @classmethod
     def of(
@@ -46,8 +46,8 @@ class SpanStrips:
         nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m)
         axes: np.ndarray,  # (3, 3), rows are the directions downstream, along the span and up
         *,
-        is_symmetric: bool = True,  # the wing is one half of a symmetric one about span 0
-        n_strips: int = 16,  # strips, where the grid has none of its own
+        is_symmetric: bool = True,  # whether the wing is one half of a symmetric one about span 0
+        n_strips: int = 16,  # number of strips, if the grid has none of its own
     ) -> SpanStrips:
         """Divide the wall of a wing into strips."""
         span = nodes[np.unique(corners)] @ axes[1]
@@ -70,9 +70,9 @@ class SpanStrips:
 
 
 def _numbered(corners: np.ndarray, span: np.ndarray) -> np.ndarray | None:
-    """Number of the strip of every quad from the tip, where grid lines close around the wing; else None."""
+    """Number of the strip of every quad from the tip, if grid lines close around the wing; else None."""
     # Opposite edges of a quad belong to one row of quads. Rows along the span end in the plane of symmetry, at edges of
-    # one quad alone; those around the sections do not end.
+    # only one quad; rows around the sections do not end.
     edges, is_boundary = _edges(corners)
     rows = _rows_of_edges(edges, len(is_boundary))
     ends = np.zeros(rows.max() + 1, dtype=bool)
@@ -89,8 +89,8 @@ def _numbered(corners: np.ndarray, span: np.ndarray) -> np.ndarray | None:
 
 
 def _edges(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number of the edge from every corner to the next, shape (n, 4), and whether an edge has one quad alone."""
-    # Edges of no length are none of these: each has a number of its own.
+    """Number of the edge from every corner to the next, shape (n, 4), and whether an edge has only one quad."""
+    # Edges of zero length are excluded: each has a number of its own.
     ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1), axis=-1).reshape(-1, 2)
     is_none = ends[:, 0] == ends[:, 1]
     ends[is_none, 1] = -1 - np.arange(is_none.sum())
@@ -108,9 +108,9 @@ def _rows_of_edges(edges: np.ndarray, n_edges: int) -> np.ndarray:
 
 
 def _in_turn(strips: np.ndarray, edges: np.ndarray, root: int) -> np.ndarray | None:
-    """Number the strips of quads from the tip to the root, each next to the one before; None if they are not so."""
+    """Number the strips of quads from the tip to the root, each next to the previous; None if not so ordered."""
     n = strips.max() + 1
-    ends = np.repeat(strips, 4).astype(np.int32), edges.ravel().astype(np.int32)  # what SciPy's older versions take
+    ends = np.repeat(strips, 4).astype(np.int32), edges.ravel().astype(np.int32)  # types for SciPy's older versions
     touch = coo_array((np.ones(edges.size), ends), shape=(n, edges.max() + 1)).tocsr()
     steps = dijkstra(touch @ touch.T, unweighted=True, indices=root)
     if n < 2 or not np.array_equal(np.sort(steps), np.arange(n)):
@@ -119,7 +119,7 @@ def _in_turn(strips: np.ndarray, edges: np.ndarray, root: int) -> np.ndarray | N
 
 
 def _along_grid_lines(corners: np.ndarray, downstream: np.ndarray, strips: np.ndarray) -> tuple[csr_array, ...]:
-    """Weights of the faces, and points of the edges: the last and first ones downstream on the lines between strips."""
+    """Weights of the faces, and points of the edges: last and first nodes downstream on the lines between strips."""
     n, n_nodes = strips.max() + 1, len(downstream)
     last, first = np.full(n_nodes, -1), np.full(n_nodes, n)
     np.maximum.at(last, corners, strips[:, None])
@@ -133,7 +133,7 @@ def _along_grid_lines(corners: np.ndarray, downstream: np.ndarray, strips: np.nd
 
 
 def _last_nodes(stations: np.ndarray, rows: np.ndarray, downstream: np.ndarray) -> csr_array:
-    """Means of the last nodes downstream at every station, of rows of the grid at stations."""
+    """Means of the last nodes downstream at every station, from rows of the grid at stations."""
     x = downstream[rows]
     furthest = np.full(stations.max() + 1, -np.inf)
     np.maximum.at(furthest, stations, x)
@@ -150,14 +150,14 @@ def _of_equal_width(corners: np.ndarray, nodes: np.ndarray, axes: np.ndarray, n_
     stations = np.linspace(used.min(), used.max(), n_strips + 1)
     low, near = used.min(axis=1), _NEAR * np.ptp(used)
     passed = np.clip((stations[:, None] - low) / np.maximum(np.ptp(used, axis=1), near), 0.0, 1.0)
-    passed[-1] = 1.0  # quads that lie in the plane of the end as well
+    passed[-1] = 1.0  # including quads that lie in the plane of the end
     cuts = [cut_edges(edges, span - station, near) for station in stations]
     ends = (vstack([_last_cut(cut, sign * downstream) for cut in cuts], format="csr") for sign in (1.0, -1.0))
     return csr_array(np.diff(passed, axis=0)), *ends
 
 
 def _last_cut(cuts: EdgeCuts, downstream: np.ndarray) -> csr_array:
-    """Weights of the nodes in the last one downstream of some points on edges."""
+    """Weights of the nodes in the last downstream of some points on edges."""
     points = cuts.matrix(len(downstream))
     return points[[np.argmax(points @ downstream)]]
 
@@ -165,7 +165,7 @@ def _last_cut(cuts: EdgeCuts, downstream: np.ndarray) -> csr_array:
 def _widened(
     face_weights: csr_array, trailing: csr_array, leading: csr_array, points: np.ndarray
 ) -> tuple[csr_array, csr_array, csr_array]:
-    """Join strips of no width to their neighbours; nodes are in the axes downstream, along the span, up."""
+    """Join strips of zero width to their neighbours; nodes are in the axes downstream, along the span, up."""
     widths = np.linalg.norm(np.diff((trailing @ points)[:, 1:], axis=0), axis=1)
     group = np.maximum(np.cumsum(widths > _SHORT * widths.sum()) - 1, 0)
     join = csr_array((np.ones(len(group)), (group, np.arange(len(group)))))

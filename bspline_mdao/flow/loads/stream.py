@@ -11,15 +11,8 @@ RADIAN = np.pi / 180.0
 
 
 def stream_axes(alpha: float, axes: np.ndarray) -> np.ndarray:
-    """Directions of drag and lift, shape (2, 3); the second is the derivative of the first with respect to the angle.
-
-    Parameters
-    ----------
-    alpha : float or complex
-        Angle of attack (rad).
-    axes : ndarray, shape (3, 3)
-        Rows are the directions downstream at zero angle, along the span, and up.
-    """
+    """Directions of drag and lift, (2, 3), at an angle (rad); the second is the first one's derivative by the angle."""
+    # rows of ``axes`` are the directions downstream at zero angle, along the span, and up
     downstream, _, up = axes
     sine, cosine = np.sin(alpha), np.cos(alpha)
     return np.stack([cosine * downstream + sine * up, cosine * up - sine * downstream])

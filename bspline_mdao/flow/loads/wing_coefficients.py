@@ -1,7 +1,7 @@
-"""What all flows about a wing make of the forces on it: the table of kernels, and their sum.
+"""The functionals of all flows about a wing from the forces on it: the table of kernels, and their sum.
 
-A kernel computes functionals by name, with derivatives, of forces, nodes and angle of attack. To add one, add it to
-`KERNELS`, and what it computes to `bspline_mdao.flow.functionals.FUNCTIONALS`.
+A kernel computes functionals by name, with derivatives, from forces, nodes and angle of attack. To add one, add it to
+`KERNELS`, and its outputs to `bspline_mdao.flow.functionals.FUNCTIONALS`.
 
 Theory: ``docs/theory/far_field.rst``.
 """
@@ -26,7 +26,7 @@ from .section_loads import SectionLoads
 __all__ = ["KERNELS", "Wing", "WingCoefficients", "WingKernel"]
 
 NO_FACES = np.zeros((0, 4), dtype=int)
-"""Corners of the wall faces of a flow that has none, such as a lattice."""
+"""Corners of the wall faces for flows without any, such as a lattice."""
 
 
 class WingKernel(Protocol):
@@ -58,7 +58,7 @@ class WingKernel(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Wing:
-    """What kernels are made of: the points that forces act at and the references, the wake, and the baseline nodes."""
+    """Inputs for making kernels: the points of application and the references, the wake, and the baseline nodes."""
 
     coefficients: ForceCoefficients
     induced: InducedDrag
@@ -73,7 +73,7 @@ class Wing:
 
 @dataclass(frozen=True, eq=False)
 class InducedCoefficients:
-    """Induced drag by the reference area (m^2), and the span load."""
+    """Induced drag divided by the reference area (m^2), and the span load."""
 
     induced: InducedDrag
     area: float
@@ -141,16 +141,16 @@ KERNELS: dict[str, Callable[[Wing], WingKernel]] = {
     "bending": lambda wing: MomentCoefficient("CM_bending", wing.bending),
     "sections": lambda wing: SectionLoads(wing.induced.strips, wing.coefficients.points),
 }
-"""What makes the kernels of a wing, by the names that the table of functionals has for them."""
+"""Makers of the kernels of a wing, by their names in the table of functionals."""
 
 
 @dataclass(frozen=True, eq=False)
 class WingCoefficients:
     """All functionals of the forces on a wing, and moments about the hinges of control surfaces."""
 
-    coefficients: ForceCoefficients  # points that forces act at, and the references
+    coefficients: ForceCoefficients  # points of application, and the references
     induced: InducedDrag  # the wake
-    kernels: tuple[WingKernel, ...]  # what computes the functionals
+    kernels: tuple[WingKernel, ...]  # compute the functionals
 
     @classmethod
     def of(
@@ -158,9 +158,9 @@ class WingCoefficients:
         coefficients: ForceCoefficients,  # coefficients, induced: see above
         induced: InducedDrag,
         nodes: np.ndarray,  # (n_nodes, 3), baseline nodes (m)
-        # of bool, parts of the wall and their axes, and which faces belong to the patches of each
+        # of bool, parts of the wall and their axes, and the faces of the patches of each
         hinges: Sequence[tuple[HingeMoment, np.ndarray]] = (),
-        # (n_forces, 4) of int, corners of the wall faces that the forces are on, which hinges need
+        # (n_forces, 4) of int, corners of the wall faces of the forces, which hinges need
         faces: np.ndarray = NO_FACES,
     ) -> WingCoefficients:
         """Make the kernels."""
@@ -188,7 +188,7 @@ class WingCoefficients:
 
     def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha: float) -> dict[str, np.ndarray]:
         """Compute them for forces divided by the dynamic pressure (m^2), nodes (m) and an angle of attack (rad)."""
-        # Arguments are those of `ForceCoefficients.evaluate`.
+        # Arguments as in `ForceCoefficients.evaluate`.
         return _merged(kernel.evaluate(forces, nodes, alpha) for kernel in self.kernels)
 
     def jvp(
@@ -219,5 +219,5 @@ class WingCoefficients:
 
 
 def _merged(parts: Iterable[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """One mapping of several."""
+    """Merge several mappings."""
     return {name: value for part in parts for name, value in part.items()}

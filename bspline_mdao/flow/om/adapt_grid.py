@@ -1,4 +1,4 @@
-"""Adapt a grid to a flow: interior control points move until lift or drag are those of finer grids.
+"""Adapt a grid to a flow: interior control points move until lift or drag agree with finer grids.
 
 Theory: ``docs/theory/adaptation.rst``.
 """
@@ -21,7 +21,7 @@ from .error_search import ErrorSearch, limits_of
 __all__ = ["adapt_grid"]
 
 ROUNDS, ITERATIONS = 4, 8
-"""Rounds, each with adjoints of its own, and iterations of the optimiser in each."""
+"""Default number of rounds, each with its own adjoints, and iterations of the optimiser in each."""
 
 
 def adapt_grid(
@@ -40,40 +40,40 @@ def adapt_grid(
 ) -> Adaptation:
     """Move interior control points to reduce the adjoint's estimate of the error of lift or drag.
 
-    Nodes of walls, of the far field and of undeclared faces stay to the last bit, those of symmetry planes slide in
-    them, and the number of nodes is what it was.
+    Nodes of walls, of the far field and of undeclared faces stay bitwise the same, nodes of symmetry planes slide in
+    them, and the number of nodes does not change.
 
     Parameters
     ----------
     model : FittedModel
-        The fitted grid. Its residual is kept as it is.
+        The fitted grid. Its residual is kept unchanged.
     of : str or iterable of str
-        Outputs of `EulerFlow` that are one number, such as ``CD``; not the moments of hinges.
+        Scalar outputs of `EulerFlow`, such as ``CD``, except the moments of hinges.
     mach, alpha : float
         Mach number and angle of attack (deg) of the flow.
     limits : dict of str to float, optional
-        The coefficients on infinitely fine grids, where they are known. By default those of second order by the flows
-        on the grid and on the member of twice the cells in each direction.
+        The coefficients on infinitely fine grids, if known. By default they are extrapolated to second order from the
+        flows on the grid and on the member with twice the cells in each direction.
     reach : float
-        How far control points may go, by the distance to their nearest neighbours; below 0.5.
+        How far control points may move, relative to the distance to their nearest neighbours; below 0.5.
     sliding : str or sequence of str
-        Planar patches whose nodes slide in their planes, beside symmetry planes.
+        Planar patches whose nodes slide in their planes, in addition to symmetry planes.
     rounds, iterations : int
-        Rounds, each with the adjoints of the grid that it starts from, and iterations in each, at most.
+        Number of rounds, each with the adjoints of its initial grid, and largest number of iterations in each.
     progress : callable, optional
-        Called with the fraction done and what is being done.
+        Called with the fraction done and the current task.
     **flow
-        Options of `EulerFlow`: the ``reference_area``, which has no default, ``axes`` and the like.
+        Options of `EulerFlow`: the ``reference_area``, which has no default, ``axes`` and so on.
 
     Returns
     -------
     Adaptation
-        With the grid that was given, where none better was found.
+        With the given grid if no better one was found.
 
     Raises
     ------
     InputError
-        If an option cannot be used, no control point may move, or the boundary does not tell what it is.
+        If an option cannot be used, no control point may move, or the kinds of the boundary are unknown.
     om.AnalysisError
         If the flow on the given grid or on the finer one cannot be solved.
 

@@ -1,4 +1,4 @@
-"""What became of a grid that was adapted to a flow.
+"""The result of adapting a grid to a flow.
 
 Theory: ``docs/theory/adaptation.rst``.
 """
@@ -27,19 +27,19 @@ class Adaptation(OneLine):
     Parameters
     ----------
     baseline : FittedModel
-        The fitted grid that was given.
+        The given fitted grid.
     shift : InteriorShift
         The variables.
     values : ndarray, shape (n_values,)
         Their values.
     limits : dict of str to float
-        What each coefficient was taken to be on infinitely fine grids.
+        The assumed value of each coefficient on infinitely fine grids.
     before, after : dict of str to ErrorEstimate
-        Values and estimates of each coefficient on the grid that was given, and on the adapted one.
+        Values and estimates of each coefficient on the given grid, and on the adapted one.
     flows : int
-        Flows that were solved on the grid.
+        Number of flows that were solved on the grid.
     seconds : float
-        Wall clock.
+        Wall-clock time.
 
     Examples
     --------
@@ -63,7 +63,7 @@ class Adaptation(OneLine):
 
     @property
     def is_better(self) -> bool:
-        """Whether a better grid was found; if not, it is the one that was given."""
+        """Whether a better grid was found; if not, the grid is the given one."""
         return bool(self.values.any())
 
     @property
@@ -73,7 +73,7 @@ class Adaptation(OneLine):
 
     @cached_property
     def model(self) -> FittedModel:
-        """Model of the adapted grid, to go on with: of the same nodes' parameters, with its own control points."""
+        """Model of the adapted grid, for further work: the same parameters of the nodes, its own control points."""
         return replace(self.baseline, control_points=self.control_points)
 
     @property
@@ -82,6 +82,6 @@ class Adaptation(OneLine):
         return self.model.regenerate()
 
     def ratio(self, name: str) -> float:
-        """Distance of a coefficient from its limit on the adapted grid, divided by that on the one given."""
+        """Distance of a coefficient from its limit on the adapted grid, relative to the given one."""
         limit = self.limits[name]
         return abs(self.after[name].value - limit) / abs(self.before[name].value - limit)

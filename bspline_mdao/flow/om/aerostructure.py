@@ -24,15 +24,15 @@ class Spar(OneLine):
     Parameters
     ----------
     thickness : tuple of float
-        Wall thickness at the control points of a B-spline, from the tip to the root (m): where an optimisation starts.
+        Wall thickness at the control points of a B-spline, from the tip to the root (m): the start of an optimisation.
     youngs_modulus, shear_modulus, allowable_stress : float
-        Of the material (Pa).
+        Material properties (Pa).
     density : float
-        Of the material (kg/m^3).
+        Density of the material (kg/m^3).
     origin : float
-        Part of the chord at which it lies.
+        Its position, as a fraction of the chord.
     weight_ratio : float
-        Mass of the wing's structure relative to that of the spar.
+        Mass of the wing's structure relative to the spar.
 
     Examples
     --------
@@ -51,7 +51,7 @@ class Spar(OneLine):
 
     @property
     def settings(self) -> dict:
-        """Entries of OpenAeroStruct's dictionary of a surface."""
+        """Entries for OpenAeroStruct's dictionary of a surface."""
         return {
             "fem_model_type": "tube",
             "thickness_cp": np.array(self.thickness),
@@ -71,8 +71,8 @@ class Spar(OneLine):
 class Aerostructure(Copied, om.Group):
     """Fuel burn, mass and stress of a flexible wing with a tubular spar in steady flight, by OpenAeroStruct.
 
-    The radius of the tube follows from chord and thickness of the wing. The lattice bends with the spar under the loads
-    that it makes; OpenAeroStruct solves for both.
+    The radius of the tube follows from chord and thickness of the wing. The lattice bends with the spar under its own
+    loads; OpenAeroStruct solves the coupled problem.
 
     ====================  ======  ====================  ======  ========================================================
     name                  role    shape                 units   meaning
@@ -102,16 +102,16 @@ class Aerostructure(Copied, om.Group):
     Options
     -------
     lattice : ndarray, shape (n_chord, n_span, 3)
-        Nodes on the baseline, the left half of a symmetric wing: their places along the span are those of the splines.
+        Nodes on the baseline, the left half of a symmetric wing; their places along the span parametrize the splines.
     spar : Spar
         The spar.
     parasite_drag : float
-        Coefficient that is added to the induced drag.
+        Coefficient added to the induced drag.
 
     Raises
     ------
     InputError
-        In ``setup``, if OpenAeroStruct is not there.
+        In ``setup``, if OpenAeroStruct is not installed.
 
     Examples
     --------
@@ -148,7 +148,7 @@ class Aerostructure(Copied, om.Group):
         """Add OpenAeroStruct's groups."""
         lattice, spar = self.options["lattice"], self.options["spar"]
         drag = {"CL0": 0.0, "CD0": self.options["parasite_drag"], "with_viscous": False, "with_wave": False}
-        laminar = {"k_lam": 0.0, "c_max_t": 0.3}  # asked for, though nothing viscous is computed
+        laminar = {"k_lam": 0.0, "c_max_t": 0.3}  # required, though nothing viscous is computed
         settings: dict[str, Any] = drag | laminar | spar.settings
         n_chord, n_span = lattice.shape[:2]
         surface = lattice_surface(n_chord, n_span, **settings) | {"mesh": lattice}
@@ -160,7 +160,7 @@ class Aerostructure(Copied, om.Group):
         self.set_input_defaults("t_over_c", val=np.full(lattice.shape[1] - 1, 0.12))
 
     def configure(self) -> None:
-        """Bring to the top what OpenAeroStruct leaves inside, and solve tightly enough for exact derivatives."""
+        """Promote what OpenAeroStruct leaves inside, and solve tightly enough for exact derivatives."""
         self.point.coupled.promotes("wing", inputs=[("mesh", "camber_surface")])
         self.point.promotes("coupled", inputs=["camber_surface"])
         self.point.promotes("wing_perf", outputs=["failure", "Cl"])
@@ -168,7 +168,7 @@ class Aerostructure(Copied, om.Group):
         self.point.coupled.nonlinear_solver.options.update({"atol": 1e-9, "rtol": 1e-14, "iprint": -1})
 
     def _add_spar(self, surface: dict[str, Any]) -> None:
-        """From the mesh to the stiffness and the mass of the spar."""
+        """Add the path from the mesh to the stiffness and the mass of the spar."""
         section = ["A", "Iy", "Iz", "J"]
         self.add_subsystem(
             "tube",
@@ -184,7 +184,7 @@ class Aerostructure(Copied, om.Group):
         )
 
     def _add_point(self, surface: dict[str, Any]) -> None:
-        """Steady flight of the wing that bends."""
+        """Add the steady flight of the flexible wing."""
         self.add_subsystem(
             "point",
             openaerostruct("integration.aerostruct_groups").AerostructPoint(surfaces=[surface], compressible=True),
@@ -209,7 +209,7 @@ _FLIGHT = [
     ("R", "flight_range"),
     ("CT", "consumption"),
 ]
-"""OpenAeroStruct's names of the flight and ours."""
+"""OpenAeroStruct's names of the flight conditions and ours."""
 
 _DEFAULTS = {
     "alpha": (4.0, "deg"),
@@ -223,4 +223,4 @@ _DEFAULTS = {
     "flight_range": (1e6, "m"),
     "consumption": (1e-4, "1/s"),
 }
-"""Values and units of the inputs of the flight: a small unmanned aeroplane."""
+"""Values and units of the flight conditions: a small unmanned aeroplane."""

@@ -1,7 +1,7 @@
-"""Linear solves of the flow that a gradient takes forward and in reverse, and a hint where the other way takes fewer.
+"""Linear solves of the flow per gradient in forward and reverse mode, and a hint if the other mode takes fewer.
 
-OpenMDAO chooses, and warns, by the sizes of all design variables and responses. What costs is a linear solve of the
-flow, and measures of the shape need none: five hundred thicknesses beside a lift and a drag take two in reverse.
+OpenMDAO chooses, and warns, by the sizes of all design variables and responses. The cost is in linear solves of the
+flow, and measures of the shape need none: five hundred thicknesses with a lift and a drag take two in reverse.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ...errors import DerivativeModeWarning
 __all__ = ["flow_solves", "outputs_downstream", "outputs_upstream", "warn_of_derivative_mode"]
 
 MUCH = 2.0
-"""The other way is told where it takes so many times fewer solves."""
+"""The other mode is suggested if it takes fewer solves by this factor."""
 
 WORDS = {"fwd": "forward", "rev": "in reverse"}
 """The modes in words."""
@@ -36,7 +36,7 @@ def outputs_downstream(model: om.Group, outputs: set[str]) -> set[str]:
 
 
 def outputs_upstream(model: om.Group, outputs: set[str]) -> set[str]:
-    """Absolute names of the outputs that any of some outputs depends on, and these; by components, not by partials."""
+    """Absolute names of the outputs on which any of some outputs depends, and these; by components, not by partials."""
     sources = model._conn_global_abs_in2out
 
     def next_of(new: set[str]) -> set[str]:
@@ -47,7 +47,7 @@ def outputs_upstream(model: om.Group, outputs: set[str]) -> set[str]:
 
 
 def _closed(outputs: set[str], next_of: Callable[[set[str]], set[str]]) -> set[str]:
-    """Outputs and all that follows from them."""
+    """Outputs and everything reachable from them."""
     reached: set[str] = set()
     new = set(outputs)
     while new:
@@ -57,10 +57,10 @@ def _closed(outputs: set[str], next_of: Callable[[set[str]], set[str]]) -> set[s
 
 
 def flow_solves(
-    component: om.ImplicitComponent,  # what solves for the state
+    component: om.ImplicitComponent,  # solves for the state
     state: str,  # name of the state
 ) -> dict[str, int]:
-    """Linear solves of a state that the totals of the driver take in both modes, one by one."""
+    """Linear solves of a state for the totals of the driver in both modes, one by one."""
     # Returns by ``"fwd"`` and ``"rev"``: design variables that the state depends on, responses that depend on it.
     model, name = component._problem_meta["model_ref"](), {f"{component.pathname}.{state}"}
     before, after = outputs_upstream(model, name), outputs_downstream(model, name)
@@ -73,7 +73,7 @@ def flow_solves(
 
 
 def warn_of_derivative_mode(component: om.ImplicitComponent, state: str) -> None:
-    """Say where the other mode takes far fewer solves."""
+    """Warn if the other mode takes far fewer solves."""
     solves, mode = flow_solves(component, state), component._problem_meta["mode"]
     other = "rev" if mode == "fwd" else "fwd"
     if 0 < MUCH * solves[other] <= solves[mode]:

@@ -1,4 +1,4 @@
-"""Errors of the coefficients of a flow that has been solved, by its adjoint and a finer member of its grid.
+"""Errors of the coefficients of a solved flow, by its adjoint and a finer member of its grid.
 
 Theory: ``docs/theory/error_estimates.rst``.
 """
@@ -24,7 +24,7 @@ from .euler_flow import EulerFlow
 __all__ = ["error_estimate"]
 
 ADJOINT_TOLERANCE = 1e-6
-"""Residual of the adjoints: their error is that of the estimate, relative to it."""
+"""Residual of the adjoints: their relative error is the relative error of the estimate."""
 
 
 def error_estimate(
@@ -32,34 +32,34 @@ def error_estimate(
 ) -> dict[str, ErrorEstimate]:
     """Estimate the errors of coefficients from the adjoint and the residual on a finer member of the grid's family.
 
-    The flow on the finer member is not solved. It takes an adjoint for each coefficient, and on the finer member the
-    faces, one Jacobian and its factor, and some products for the states and for each adjoint: a third to a half of the
-    time of a flow there, and its memory. The angle of attack is kept, in trimmed flow as well.
+    The flow on the finer member is not solved. The cost is an adjoint for each coefficient and, on the finer member,
+    the faces, one Jacobian and its factor, and some products for the states and for each adjoint: a third to a half of
+    the time of a flow there, and its memory. The angle of attack is kept, in trimmed flow as well.
 
     Parameters
     ----------
     problem : openmdao.api.Problem
-        A problem that has run, with an `EulerFlow`.
+        A problem that has been run, with an `EulerFlow`.
     of : iterable of str
-        Outputs of `EulerFlow` that are one number, such as ``CD``; not the moments of hinges.
+        Scalar outputs of `EulerFlow`, such as ``CD``, except the moments of hinges.
     factor : float
-        Cells per direction of the finer member, divided by those of the grid; more than 1.
+        Cells per direction of the finer member, relative to the grid; more than 1.
     flow : EulerFlow, optional
-        Which one, where there are several.
+        The flow to use, if there are several.
 
     Returns
     -------
     dict
-        An `ErrorEstimate` for each coefficient: its ``value``, the one on the ``finer`` member, the ``error``, the
+        An `ErrorEstimate` for each coefficient: its ``value``, the value on the ``finer`` member, the ``error``, the
         ``limit`` at second order, and ``contributions`` of all cells.
 
     Raises
     ------
     InputError
-        If there is no flow or more than one, a coefficient is none of these, the factor is not above 1, the flow is
-        on several processes, or the finer member has cells of negative volume.
+        If there is no flow or more than one, a coefficient is unknown, the factor is not above 1, the flow is on
+        several processes, or the finer member has cells of negative volume.
     om.AnalysisError
-        If the flow has not been solved, or an adjoint cannot be.
+        If the flow has not been solved, or an adjoint cannot be solved.
 
     Examples
     --------
@@ -104,13 +104,13 @@ def error_estimate(
 def finer_member(
     model: FittedModel, flow: FlowGrid, forces: FlowForces, nodes: np.ndarray, axes: str, factor: float
 ) -> FinerMember:
-    """Finer member of the grid of a flow: that of the model, ``model.member(factor)``, displaced as the nodes are."""
+    """Finer member of the grid of a flow: from the model, ``model.member(factor)``, displaced like the nodes."""
     baseline, finer = (each.regenerate().to_vector().reshape(-1, 3) for each in (model, model.member(factor)))
     return FinerMember.of(flow, forces, model.topology, nodes, axes, factor, (baseline, finer))
 
 
 def _only_flow(problem: om.Problem) -> EulerFlow:
-    """The flow of a problem, which has one."""
+    """The only flow of a problem."""
     flows = list(problem.model.system_iter(include_self=True, recurse=True, typ=EulerFlow))
     if len(flows) != 1:
         found = ", ".join(flow.pathname for flow in flows) or "none"

@@ -1,9 +1,9 @@
-"""Search for values of interior control points at which lift and drag are those of finer grids.
+"""Search for values of interior control points at which lift and drag agree with finer grids.
 
     x = x_0 + A E v,    loss = sum_J nu ((J - J_limit) / (J_0 - J_limit))^2 + bound / bound_0  + price of flat corners
 
-Rounds of L-BFGS lower the loss with the adjoints of the grid that they start from. Each evaluation solves the flow, and
-one adjoint system for the gradient, which is exact while those adjoints are frozen. What is searched are steps in which
+Rounds of L-BFGS reduce the loss with the adjoints of their initial grids. Each evaluation solves the flow, and one
+adjoint system for the gradient, which is exact while those adjoints are frozen. The variables are steps in which
 control points move together, see `bspline_mdao.core.adaptation.stiffness`.
 
 Theory: ``docs/theory/adaptation.rst``.
@@ -42,43 +42,43 @@ CORNER = "corner_ks"
 """The smooth bound of the corners of all cells, which is kept in part."""
 
 PARTS = (1.0, 0.5, 0.25, 0.125)
-"""Parts of what a round finds, one of which is taken: with less of it adjoints change less."""
+"""Fractions of a round's step to try: with a smaller one the adjoints change less."""
 
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """What the loss weighs, and how far flows and adjoints are solved."""
+    """Weights of the loss, and tolerances of flows and adjoints."""
 
     factor: float = 2.0
-    """Cells per direction of the finer member, divided by those of the grid."""
+    """Cells per direction of the finer member, relative to the grid."""
 
     width: float = 0.1
-    """Contributions below this part of their mean count by their squares."""
+    """Contributions below this fraction of their mean count by their squares."""
 
     corner_sharpness: float = 300.0
     """Sharpness rho of the smooth bound of corners."""
 
     corner_part: float = 0.25
-    """Part of the bound that is kept."""
+    """Fraction of the bound that is kept."""
 
     failed: float = 1e3
-    """Loss of a grid whose flow cannot be solved: it has the optimiser make smaller steps."""
+    """Loss of a grid whose flow cannot be solved: it makes the optimiser take smaller steps."""
 
     distance: float = 2.0
-    """What the square of a distance from the limit counts, nu, beside a bound."""
+    """Weight nu of the squared distance from the limit, relative to a bound."""
 
     gradient_tolerance: float = 1e-5
     """Residual of the adjoint systems of gradients."""
 
     closest: float = 1e-12
-    """Distance from the limit, at least, that errors are measured by."""
+    """Smallest distance from the limit by which errors are scaled."""
 
 
 SEARCH = SearchSettings()
 
 
 class ErrorSearch:
-    """The grid on its way: values that were taken last, and what they are compared with."""
+    """The current grid: the last accepted values, and their references."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class ErrorSearch:
         self.before = self.after = self.look(self.values)
 
     def pose(self, values: np.ndarray) -> None:
-        """Pose the flow on the grid of some values, which settles the faces with weights of their own."""
+        """Set up the flow on the grid of some values, which determines the faces with weights of their own."""
         model = replace(self.model, control_points=self.shift.apply(self.model.control_points, values))
         self.problem = flow_problem(model, self.mach, self.alpha / RADIAN, self.options)
         self.problem.final_setup()
@@ -112,11 +112,11 @@ class ErrorSearch:
         self.member = finer_member(self.model, self.flow, self.forces, self.nodes_at(values), axes, SEARCH.factor)
 
     def nodes_at(self, values: np.ndarray) -> np.ndarray:
-        """Nodes of the grid (m): those that no control point moves keep every bit."""
+        """Nodes of the grid (m): nodes that no control point moves are bitwise unchanged."""
         return self.nodes + self.evaluator.forward(self.shift.displacement(values))
 
     def run_round(self, iterations: int) -> bool:
-        """Take what L-BFGS finds, or a part of it, if that is better with adjoints of its own; tell whether it was."""
+        """Take the step of L-BFGS, or a fraction of it, if it is better with its own adjoints; return whether it is."""
         stiff = self.stiff.at(self.values)
 
         def loss(steps: np.ndarray) -> tuple[float, np.ndarray]:
@@ -138,16 +138,16 @@ class ErrorSearch:
         return False
 
     def score(self, estimates: Mapping[str, ErrorEstimate]) -> float:
-        """What grids are compared by: the loss without the price of corners."""
+        """Measure for comparing grids: the loss without the price of corners."""
         ratios = (self.distance(estimate.value, name) ** 2 for name, estimate in estimates.items())
         return SEARCH.distance * sum(ratios) + sum(e.bound / self.before[name].bound for name, e in estimates.items())
 
     def distance(self, value: float, name: str) -> float:
-        """Distance of a coefficient from its limit, by that on the grid that was given."""
+        """Distance of a coefficient from its limit, relative to the given grid."""
         return (value - self.limits[name]) / self.scale(name)
 
     def scale(self, name: str) -> float:
-        """Distance from the limit on the grid that was given."""
+        """Distance from the limit on the given grid."""
         return max(abs(self.before[name].value - self.limits[name]), SEARCH.closest)
 
     def solve(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -159,7 +159,7 @@ class ErrorSearch:
         return nodes, self.problem.get_val("states").reshape(-1, N_STATES).copy()
 
     def look(self, values: np.ndarray) -> dict[str, ErrorEstimate]:
-        """Pose the flow afresh, estimate the errors of all coefficients, and keep the loss with their adjoints."""
+        """Set up the flow again, estimate the errors of all coefficients, and keep the loss with their adjoints."""
         self.pose(values)
         nodes, states = self.solve(values)
         try:
@@ -190,7 +190,7 @@ class ErrorSearch:
         return loss + error, self.shift.vjp(self.evaluator.adjoint(nodes_bar + error_bar))
 
     def error_loss(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """Loss without the price of corners, and its derivative with respect to the nodes, flow included."""
+        """Loss without the price of corners, and its derivative with respect to the nodes, including the flow."""
         nodes, states = self.solve(values)
         loss, states_bar, nodes_bar = self.estimate_loss.gradient(states, nodes)
         bars = {}
@@ -205,7 +205,7 @@ class ErrorSearch:
 
 
 def flow_problem(model: FittedModel, mach: float, alpha: float, options: Mapping) -> om.Problem:
-    """Pose a flow at a Mach number and an angle of attack (deg)."""
+    """Set up a flow at a Mach number and an angle of attack (deg)."""
     problem = om.Problem(EulerFlow(model=model, **{"iprint": 0, **options}), reports=None)
     problem.setup(mode="rev")
     problem.set_val("Mach_number", mach)
@@ -216,7 +216,7 @@ def flow_problem(model: FittedModel, mach: float, alpha: float, options: Mapping
 def limits_of(
     model: FittedModel, names: Sequence[str], mach: float, alpha: float, options: Mapping
 ) -> dict[str, float]:
-    """Limits of second order, by the flows on a grid and on its finer member."""
+    """Limits extrapolated to second order from the flows on a grid and on its finer member."""
     values = []
     for member in (model, model.member(SEARCH.factor)):
         problem = flow_problem(member, mach, alpha, options)

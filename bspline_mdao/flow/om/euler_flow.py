@@ -46,7 +46,7 @@ class EulerFlow(Copied, om.Group):
 
     The flow slips at walls and planes of symmetry, and the far field is the free stream. Patches of these kinds must
     cover the boundary of the grid. A cell with a negative volume raises ``om.AnalysisError``. Folded corners are not
-    noticed: avoid them by constraints of `Quality`. If blocks share a node, only its first row in the grid counts.
+    detected: avoid them by constraints of `Quality`. If blocks share a node, only its first row in the grid counts.
 
     ================  ======  ============  =====  =====================================================================
     name              role    shape         units  meaning
@@ -62,10 +62,10 @@ class EulerFlow(Copied, om.Group):
 
     Moments are divided by reference area and chord.
 
-    On several processes ``grid`` and ``states`` are distributed, and ``grid`` has to be connected, such as to that of
-    `GridEvaluate`; all other variables are the same on all of them. All processes raise the same error.
+    On several processes ``grid`` and ``states`` are distributed, and ``grid`` must be connected, for example to the
+    output of `GridEvaluate`; all other variables are the same on all processes. All processes raise the same error.
 
-    With ``trim`` the angle is solved for, so that ``CL`` is what is asked for, and all derivatives are at fixed lift:
+    With ``trim`` the angle is solved for, such that ``CL`` equals its target, and all derivatives are at fixed lift:
 
     =============  ======  ============  =====  ========================================================================
     name           role    shape         units  meaning
@@ -86,37 +86,37 @@ class EulerFlow(Copied, om.Group):
     Options
     -------
     model : FittedModel or LocalModel
-        The fitted grid, with its patches; or what this process has of it.
+        The fitted grid, with its patches; or the part of it on this process.
     reference_area : float
-        Of what the grid shows (m^2): of the half wing, if it shows one half.
+        Area of the modelled part (m^2): of the half wing, if the grid contains one half.
     reference_chord : float
-        For moments (m).
+        Chord for moments (m).
     moment_reference : sequence of three float
-        Point that moments are about, in the axes of the grid (m).
+        Reference point of moments, in the axes of the grid (m).
     partition : Partition, optional
-        Who has which pieces of the grid, on several processes; the same as that of what gives the ``grid``.
+        The distribution of the grid on several processes; the same as in the component that provides the ``grid``.
         `Partition.of` by default.
     axes : str
         Axes of the grid that point downstream, along the span, and up.
     shock_threshold : float
-        Of the sensor of shocks; 0.05 by default, 0 for none. Flow slower than 0.83 of the speed of sound is the same to
-        the last bit with it and without.
+        Threshold of the shock sensor; 0.05 by default, 0 for none. Flow slower than 0.83 of the speed of sound is
+        bitwise the same with and without it.
     loaded : SurfaceGrid, optional
-        Walls whose nodes are to have forces.
+        Walls whose nodes get forces.
     hinges : sequence of HingeMoment
-        Control surfaces whose moments are wanted.
+        Control surfaces whose moments are outputs.
     restart : path-like, optional
-        File of states to start from, which `save_states` made of this grid or another member of its family.
+        File of states to start from, made by `save_states` for this grid or another member of its family.
     trim : bool
-        Whether the angle of attack is solved for at a given lift, see `TrimmedState`.
+        Whether to solve for the angle of attack at a given lift, see `TrimmedState`.
     tolerance, linear_tolerance, max_steps, iprint, anchored
         See `EulerState`.
 
     Raises
     ------
     InputError
-        In ``setup``, if the patches do not tell what the boundary is, there is no reference area, or the partition does
-        not fit the model or the number of processes.
+        In ``setup``, if the patches do not define the kinds of the boundary, there is no reference area, or the
+        partition does not fit the model or the number of processes.
 
     Examples
     --------
@@ -171,7 +171,7 @@ class EulerFlow(Copied, om.Group):
         declare_solver(self.options)
 
     def setup(self) -> None:
-        """Add the solution and what is made of it."""
+        """Add the solution and its outputs."""
         model = self.options["model"]
         self._partition, nodes = self._pieces()
         partition = self._partition
@@ -197,7 +197,7 @@ class EulerFlow(Copied, om.Group):
         if self.options["loaded"] is not None:
             wall_forces = EulerWallForces(flow=flow, nodes=nodes, surface=self.options["loaded"])
             self.add_subsystem("wall_forces", wall_forces, promotes=["*"])
-        if self.comm.size == 1:  # OpenMDAO wants distributed inputs to be connected
+        if self.comm.size == 1:  # OpenMDAO requires distributed inputs to be connected
             self.set_input_defaults(GRID, val=nodes.ravel(), units="m")
         if self.options["trim"]:
             self.set_input_defaults("CL_target", val=0.3)
@@ -207,19 +207,19 @@ class EulerFlow(Copied, om.Group):
 
     @property
     def is_section(self) -> bool:
-        """Whether the flow is that about a section, see `SurfaceGrid.is_section`: without trailing vortices."""
+        """Whether the flow is about a section, see `SurfaceGrid.is_section`: without trailing vortices."""
         model = self.options["model"]
         has_walls = any(face.kind == "wall" for face in model.topology.boundary)
         return has_walls and SurfaceGrid.of(model).is_section
 
     def write_fields(self, path: str | os.PathLike) -> None:
-        """Write the fields of the flow for ParaView or Tecplot: on all blocks, and those on the walls beside them.
+        """Write the fields of the flow for ParaView or Tecplot: on all blocks, and in a second file on the walls.
 
-        ``Cp``, ``Mach``, ``velocity`` relative to the speed of the stream, ``density`` relative to that of the stream,
-        ``entropy`` above that of the stream by the specific heat at constant volume, and ``total_pressure_loss``
-        relative to that of the stream, on nodes and cells, and on cells also those of
-        `bspline_mdao.grids.cells.cell_fields`: quality, height at walls, block and patch. Walls have the fields of the
-        cells behind them, but their own ``Cp``. Of several processes, all come here, and the first writes.
+        ``Cp``, ``Mach``, ``velocity`` and ``density`` relative to the stream's, ``entropy`` above the stream's divided
+        by the specific heat at constant volume, and ``total_pressure_loss`` relative to the stream's are on nodes and
+        cells. Cells also have the fields of `bspline_mdao.grids.cells.cell_fields`: quality, height at walls, block and
+        patch. Walls have the fields of the cells behind them, but their own ``Cp``. Several processes all call this,
+        and the first writes.
 
         Parameters
         ----------
@@ -229,7 +229,7 @@ class EulerFlow(Copied, om.Group):
         Raises
         ------
         InputError
-            If the model has not run, or a file cannot be written.
+            If the model has not been run, or a file cannot be written.
         """
         model = self.options["model"]
         write_fields(path, self.state, self.forces, model.topology, model.header, self._partition)
@@ -240,12 +240,12 @@ class EulerFlow(Copied, om.Group):
         Parameters
         ----------
         path : path-like
-            HDF5 file; one that is there is replaced when the new one is complete.
+            HDF5 file; an existing one is replaced when the new one is complete.
 
         Raises
         ------
         InputError
-            If the model has not run, or the file cannot be written.
+            If the model has not been run, or the file cannot be written.
         """
         save_states(path, self.state, self.options["model"].topology, self._partition)
 
@@ -255,12 +255,12 @@ class EulerFlow(Copied, om.Group):
         Parameters
         ----------
         path : path-like
-            File that `save_states` made.
+            File made by `save_states`.
 
         Raises
         ------
         InputError
-            If it is missing, damaged, no file of states, or of another grid.
+            If it is missing, damaged, not a file of states, or for another grid.
         """
         self.start_from(*load_states(path, self.comm, self.options["model"].topology, self._partition))
 
@@ -270,7 +270,7 @@ class EulerFlow(Copied, om.Group):
         Parameters
         ----------
         states : ndarray, shape (n_cells, 5)
-            See `EulerState`; of the cells of this process.
+            See `EulerState`; for the cells of this process.
         alpha : float
             Their angle of attack (deg).
         """
@@ -280,7 +280,7 @@ class EulerFlow(Copied, om.Group):
             self.state.set_val("alpha", alpha, units="deg")
 
     def _hinges(self, flow: FlowGrid) -> list[tuple[HingeMoment, np.ndarray]]:
-        """The hinges, and which wall faces belong to the patches of each."""
+        """The hinges, and the wall faces of the patches of each."""
         parts = []
         for hinge in self.options["hinges"]:
             is_within = np.ones(len(flow.walls.corners), dtype=bool)
@@ -295,9 +295,9 @@ class EulerFlow(Copied, om.Group):
 
     @fails_together
     def _pieces(self) -> tuple[Partition, np.ndarray]:
-        """Who has which pieces of the grid, and the baseline nodes of this process (m), shape (n_nodes, 3)."""
+        """The distribution of the grid, and the baseline nodes of this process (m), shape (n_nodes, 3)."""
         part, partition = part_of_model(self), self.options["partition"]
-        assert isinstance(part, Model)  # the option takes nothing else
+        assert isinstance(part, Model)  # the option accepts nothing else
         if isinstance(partition, Subdomain):
             raise InputError(
                 f"{self.msginfo}: a Subdomain does not know which cells others have; give the Partition that it is of"
@@ -313,7 +313,7 @@ class EulerFlow(Copied, om.Group):
 
 @documents_outputs("euler")
 class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
-    """Coefficients of forces and moments, pressures, and drag in the far field, of the states of all cells.
+    """Coefficients of forces and moments, pressures, and far-field drag, from the states of all cells.
 
     ================  ======  ============  =====  =====================================================================
     name              role    shape         units  meaning
@@ -367,7 +367,7 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
             self.add_output(name, shape=6, desc="force, m^2, and moment, m^3, by the dynamic pressure")
 
     def compute(self, inputs: Vector, outputs: Vector) -> None:
-        """Sum the pressures on the walls, and the rest of the outputs."""
+        """Sum the pressures on the walls, and compute the other outputs."""
         at = _at(inputs)
         for name, value in self._forces.evaluate(*at).items():
             outputs[name] = value
@@ -393,7 +393,7 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
 _INPUTS = ("states", GRID, "alpha", "Mach_number")
 
 _UNITS = (1.0, 1.0, RADIAN, 1.0)
-"""Inputs in the order of the kernel's arguments, and their units in those of the kernel."""
+"""Inputs in the order of the kernel's arguments, and the kernel's units."""
 
 
 def _at(inputs: Vector) -> tuple[np.ndarray, np.ndarray, float, float]:
@@ -403,7 +403,7 @@ def _at(inputs: Vector) -> tuple[np.ndarray, np.ndarray, float, float]:
 
 
 def _directions(inputs: Vector, d_inputs: Vector) -> tuple[np.ndarray, Any, float, float]:
-    """Directions in all of these, zero where OpenMDAO leaves one out."""
+    """Directions in all of these, zero if OpenMDAO leaves one out."""
     states = d_inputs["states"] if "states" in d_inputs else np.zeros_like(inputs["states"])
     d_alpha, d_mach = (d_inputs[name].item() if name in d_inputs else 0.0 for name in _INPUTS[2:])
     return states.reshape(-1, N_STATES), direction_in(d_inputs, inputs, GRID), RADIAN * d_alpha, d_mach

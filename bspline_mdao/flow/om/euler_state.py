@@ -51,11 +51,11 @@ INPUTS = (GRID, "alpha", "Mach_number")
 
 
 MACH_STEP = 1e-7
-"""Step of differences by the Mach number: coefficients are divided by up to its cube. About a cylinder at 0.1, with
-states kept, central differences of the drag of the entropy with a step of 1e-5 are off by 4e-4 of them."""
+"""Step of differences by the Mach number: coefficients are divided by up to its cube. For a cylinder at 0.1, with
+frozen states, central differences of the entropy drag with a step of 1e-5 have relative errors of 4e-4."""
 
 LARGEST_RESIDUAL = 1e-8
-"""Residual, relative to that of the uniform stream, up to which a flow that no longer converges is accepted."""
+"""Residual, relative to the uniform stream's, below which a flow that no longer converges is accepted."""
 
 
 class EulerState(CheckedOnProcesses, om.ImplicitComponent):
@@ -74,11 +74,11 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     On several processes ``grid`` and ``states`` are distributed: each has the nodes and the cells of its pieces, see
     `Partition`.
 
-    A run starts from the states that are there, those of the last design, unless the uniform stream is nearer. Where
-    they are still those of the last solution, they are changed by as much as the free stream. Steps are first made with
-    the Jacobian that the last derivatives were taken with, as long as it serves. If that fails, and in a first run, it
-    starts from the flow on coarser members of the grid or the uniform stream (with long time steps, where cells at
-    walls are flat or the coarser members needed many steps), and then with the other kind of time steps.
+    A run starts from the current states, usually the last design's, unless the uniform stream is closer. If they are
+    still the last solution, they are changed with the free stream. Steps first use the Jacobian of the last
+    derivatives, as long as it suffices. If that fails, and in a first run, it starts from the flow on coarser members
+    of the grid or the uniform stream (with long time steps, if cells at walls are flat or the coarser members needed
+    many steps), and then with the other kind of time steps.
 
     Options
     -------
@@ -87,22 +87,22 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     levels : list of CoarseLevel
         Coarser members of the grid to start on; by default none.
     nodes : ndarray, shape (n_nodes, 3)
-        Baseline nodes (m), of this process.
+        Baseline nodes of this process (m).
     tolerance : float
-        Residual, relative to that of the uniform stream, at which a run ends.
+        Residual, relative to the uniform stream's, at which a run ends.
     linear_tolerance : float
-        Residual of the linear systems of derivatives, relative to their right-hand sides; or what rounding leaves.
-        Totals of lift, drag and moments are as exact as that times ten, those of the entropy drag by four digits less.
+        Residual of the linear systems of derivatives, relative to their right-hand sides, or to rounding. The error of
+        totals of lift, drag and moments is ten times that, of the entropy drag four digits more.
     max_steps : int
-        Newton steps at most.
+        Largest number of Newton steps.
     iprint : int
-        0 and below for no output, 1 for a line a solution, 2 for one a Newton step as well. ``set_solver_print`` of a
-        problem or a group sets it as those of solvers.
+        0 and below for no output, 1 for a line per solution, 2 for one per Newton step as well. ``set_solver_print`` of
+        a problem or a group sets it like those of solvers.
     anchored : bool
-        Whether every run starts from the solution of the last derivatives instead of that of the last run. Where one
-        design has several flows, those of small steps of an optimiser stay with that of the point it steps from.
+        Whether every run starts from the solution of the last derivatives instead of the last run. If a design has
+        several flows, small steps of an optimiser then stay with the flow of the point they start from.
     forces : FlowForces
-        For lift and drag in these lines.
+        Provides lift and drag for these lines.
 
     Raises
     ------
@@ -133,7 +133,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     _last_scheme: tuple[np.ndarray, Discretization] | None = None
 
     def start_from(self, states: np.ndarray, alpha: float) -> None:
-        """Give states to start from, shape (n_cells, 5), and their angle of attack (deg)."""
+        """Set states to start from, shape (n_cells, 5), and their angle of attack (deg)."""
         self._start = states, alpha
 
     def setup(self) -> None:
@@ -154,12 +154,12 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         )
 
     def apply_nonlinear(self, inputs: Vector, outputs: Vector, residuals: Vector) -> None:
-        """Sum what flows out of every cell."""
+        """Sum the outflow of every cell."""
         states = outputs["states"].reshape(-1, N_STATES)
         residuals["states"] = self._scheme(inputs).residual(states, *self._at(inputs)).ravel()
 
     def solve_nonlinear(self, inputs: Vector, outputs: Vector) -> None:
-        """Solve for the states, from those that are there or else afresh."""
+        """Solve for the states, from the current ones or from scratch."""
         self._log = ResidualLog(self.pathname, self.options["forces"], self.comm)
         self._return_to_anchor(inputs, outputs)
         self._solve(inputs, outputs, self.options["tolerance"])
@@ -179,7 +179,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         with progress_bar("flow") as report:
             for solution in self._attempts(inputs, outputs, areas, stream, tolerance, report):
                 if self._solution is None or solution.residual < self._solution.residual:
-                    self._solution = solution  # the best one is told of
+                    self._solution = solution  # the best one is reported
                 if solution.residual <= max(tolerance, LARGEST_RESIDUAL):
                     self._converged = solution
                     outputs["states"] = solution.states.ravel()
@@ -189,7 +189,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         raise om.AnalysisError(f"{message}; take a smaller angle or Mach number, or a finer or more even grid")
 
     def linearize(self, inputs: Vector, outputs: Vector, jacobian: Jacobian) -> None:
-        """Refuse states that are no solution, and differentiate the residual."""
+        """Refuse states that are not a solution, and differentiate the residual."""
         if not self._is_mode_looked_at:
             self._is_mode_looked_at = True
             warn_of_derivative_mode(self, "states")
@@ -208,8 +208,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             self._reverse(linearization, inputs, d_inputs, d_outputs, d_residuals)
 
     def solve_linear(self, d_outputs: Vector, d_residuals: Vector, mode: str) -> None:
-        """Solve with the Jacobian at the inputs and states that are there, or with its transpose: the adjoint."""
-        with self._unscaled_context(outputs=[self._outputs]):  # OpenMDAO scales them here, and hands none over
+        """Solve with the Jacobian at the current inputs and states, or with its transpose: the adjoint."""
+        with self._unscaled_context(outputs=[self._outputs]):  # OpenMDAO scales them here, and passes none
             tangent = self._tangent_at_solution(self._inputs, self._outputs)
             self._drop_anchor()
         right, out = (d_residuals, d_outputs) if mode == "fwd" else (d_outputs, d_residuals)
@@ -223,7 +223,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             self._anchor = {name: self._outputs[name].copy() for name in self._outputs}
 
     def _return_to_anchor(self, inputs: Vector, outputs: Vector) -> None:
-        """Set the outputs to the solution to start from, unless they are one themselves, such as a restored one."""
+        """Set the outputs to the initial solution, unless they are a solution themselves, such as a restored one."""
         if self._anchor is None:
             return
         states = outputs["states"].reshape(-1, N_STATES)
@@ -232,7 +232,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
                 outputs[name] = value
 
     def _accepted(self, solution: KrylovSolution, tolerance: float | None = None) -> np.ndarray:
-        """Solution of a linear system, if it is one, to a tolerance or that of the options."""
+        """Solution of a linear system, if it is one, to a tolerance or the tolerance of the options."""
         if not solution.is_converged:
             raise om.AnalysisError(
                 f"{self.msginfo}: the linear system of the derivatives is not solved to "
@@ -242,14 +242,9 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         return solution.x
 
     def adjoint(self, bar: np.ndarray, tolerance: float) -> np.ndarray:
-        """Adjoint, shape (n_cells, 5), of a functional of the states at a given angle, at the solution that is there.
+        """Adjoint, shape (n_cells, 5), of a functional of the states at a given angle, at the current solution.
 
-        Parameters
-        ----------
-        bar : ndarray, shape (n_cells, 5)
-            Derivatives of the functional with respect to the states.
-        tolerance : float
-            Residual relative to that.
+        ``bar``, shape (n_cells, 5), are the functional's derivatives by the states; the residual is relative to it.
         """
         with self._unscaled_context(outputs=[self._outputs]):
             tangent = self._tangent_at_solution(self._inputs_of_flow(), self._outputs)
@@ -292,7 +287,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
                 d_inputs[name] += d_stream @ linearization.stream_vjp(bar)
 
     def _tangent_at_solution(self, inputs: Vector, outputs: Vector) -> FlowTangent:
-        """Derivatives of the residual at a solution; others have none that mean anything to the flow."""
+        """Derivatives of the residual at a solution; at other states they have no meaning for the flow."""
         states = outputs["states"].reshape(-1, N_STATES)
         residual = relative_residual(self._scheme(inputs), states, *self._at(inputs))
         if not residual <= LARGEST_RESIDUAL:
@@ -303,10 +298,10 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         return self._tangent_at(inputs, outputs)
 
     def _tangent_at(self, inputs: Vector, outputs: Vector) -> FlowTangent:
-        """Derivatives of the residual: the last ones if they are those at these inputs and states."""
+        """Derivatives of the residual: the last ones if they are at these inputs and states."""
         point = (outputs["states"], *(inputs[name] for name in INPUTS))
         if self._tangent is None or not self._everywhere(all(map(np.array_equal, point, self._tangent_point))):
-            self._tangent = None  # it makes room for the next
+            self._tangent = None  # free memory for the next
             self._tangent_point = tuple(map(np.array, point))
             states, pattern = self._tangent_point[0].reshape(-1, N_STATES), self.options["flow"].pattern
             areas, stream = self._at(inputs)
@@ -318,12 +313,12 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         return self.options["flow"].discretization
 
     def _scheme(self, inputs: Vector) -> Discretization:
-        """Discretisation with the weights of the grid that is there, found once a design."""
+        """Discretisation with the weights of the current grid, computed once per design."""
         flow, nodes = self.options["flow"], inputs[GRID].reshape(-1, 3)
         if self._everywhere(np.array_equal(nodes, self.options["nodes"])):
             return flow.discretization
         if self._last_scheme is None or not self._everywhere(np.array_equal(nodes, self._last_scheme[0])):
-            self._last_scheme = None  # it makes room for the next
+            self._last_scheme = None  # free memory for the next
             self._last_scheme = nodes.copy(), flow.at(nodes)
         return self._last_scheme[1]
 
@@ -334,7 +329,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         return flow.areas(inputs[GRID].reshape(-1, 3)), stream
 
     def _check(self, inputs: Vector) -> None:
-        """Refuse what is no flow."""
+        """Refuse unusable flows."""
         self._check_numbers(inputs)
         nodes = inputs[GRID].reshape(-1, 3)
         try:
@@ -346,7 +341,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
 
     @fails_together
     def _check_numbers(self, inputs: Vector) -> None:
-        """Refuse inputs that are no numbers of a flow."""
+        """Refuse inputs that are not numbers of a flow."""
         refuse_complex_step(self)
         finite_points(inputs[GRID], GRID, self.msginfo)
         finite_values(inputs["alpha"], "alpha", self.msginfo)
@@ -354,7 +349,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             raise om.AnalysisError(f"{self.msginfo}: Mach_number is {inputs['Mach_number'][0]}; it has to be positive")
 
     def _worst_cell(self, discretization: Discretization, areas: np.ndarray, stream: np.ndarray) -> str:
-        """Name the cell with the largest residual by its surface, and its Mach number: the same on all processes."""
+        """Name the cell with the largest residual per surface, and its Mach number: the same on all processes."""
         states = self._solution.states
         rows = discretization.residual(states, areas, stream) / discretization.sizes(areas)
         sizes, found = np.linalg.norm(rows, axis=1), (-1.0, "")
@@ -370,13 +365,13 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         return not largest(self.comm, float(not flag))
 
     def _supersonic(self, states: np.ndarray) -> str:
-        """Advise a sensor of shocks where there is none and the flow is supersonic."""
+        """Advise a shock sensor if there is none and the flow is supersonic."""
         n_supersonic = int(summed_number(self.comm, int(np.count_nonzero(mach_numbers(states) > 1.0))))
         is_missing = n_supersonic and not self._discretization.shock_threshold
         return f"; it is supersonic in {n_supersonic} cells, set shock_threshold" if is_missing else ""
 
     def _last_states(self, outputs: Vector, stream: np.ndarray) -> np.ndarray:
-        """States that are there, with the change of the free stream since they were solved for, if they were."""
+        """Current states, with the change of the free stream since they were solved for, if they were."""
         states, last = outputs["states"].reshape(-1, N_STATES), self._converged
         is_solved = last is not None and self._everywhere(np.array_equal(states, last.states))
         return states + (stream - last.stream) if is_solved else states.copy()
@@ -392,23 +387,23 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     def _attempts(
         self, inputs: Vector, outputs: Vector, areas: np.ndarray, stream: np.ndarray, tolerance: float, report: Progress
     ) -> Iterator[FlowSolution]:
-        """Yield solutions, each by a surer way than the last."""
+        """Yield solutions, each by a more robust method than the last."""
         flow, levels = (self.options[name] for name in ("flow", "levels"))
         settings = {"tolerance": tolerance, "max_steps": self.options["max_steps"]}
         settings["progress"] = self._progress(inputs, tolerance, report)
         scheme, settings["pattern"] = self._scheme(inputs), flow.pattern
         field, starts = (scheme, areas, stream), (self._last_states(outputs, stream), scheme.uniform(stream))
-        # the plain norm, of the far field above all, tells whether states know the stream; gas at rest does not
+        # the plain norm, mainly of the far field, shows whether states match the stream; gas at rest does not
         norms = [scheme.norm(scheme.residual(start, areas, stream)) for start in starts]
         if norms[0] < norms[1]:
             yield self._from_nearby(inputs, outputs, field, starts[0], settings)
-        elif self._is_given(outputs):  # such as those of another member of the family, which miss the stream far out
+        elif self._is_given(outputs):  # of a member of the family, say, with another far field
             yield solve_flow(*field, states=starts[0], **settings)
         how = {name: value for name, value in settings.items() if name != "pattern"}
         yield from cold_solutions(flow, levels, inputs[GRID].reshape(-1, 3), areas, stream, **how)
 
     def _is_given(self, outputs: Vector) -> bool:
-        """Whether the states are those that were given to start from."""
+        """Whether the states are the given initial ones."""
         given = self._start
         is_so = given is not None and np.array_equal(outputs["states"].reshape(-1, N_STATES), given[0])
         return given is not None and self._everywhere(is_so)
@@ -421,19 +416,19 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         start: np.ndarray,
         settings: dict[str, Any],
     ) -> FlowSolution:
-        """Solve with the last Jacobian while that does, and then by steps with their own."""
+        """Solve with the last Jacobian while it suffices, and then by steps with their own."""
         tangent = self._tangent or self._tangent_at(inputs, outputs)
         how = {name: value for name, value in settings.items() if name != "pattern"}
         nearby = solve_nearby(*field, states=start, tangent=tangent, **how)
         if nearby.is_converged:
             return nearby
-        self._tangent = tangent = None  # it makes room for the next ones
+        self._tangent = tangent = None  # free memory for the next ones
         settings = settings | {"max_steps": settings["max_steps"] - len(nearby.history) + 1}
         solution = solve_flow(*field, states=nearby.states, **settings)
         return replace(solution, history=nearby.history[:-1] + solution.history)
 
     def _progress(self, inputs: Vector, tolerance: float, report: Progress) -> Callable:
-        """What Newton's method calls with every step: it moves a bar, and prints a line where that is asked for."""
+        """Callback of Newton's method for every step: it moves a bar, and prints a line if requested."""
         nodes, alpha, mach = inputs[GRID].reshape(-1, 3), RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
         is_printed = self.options["iprint"] > 1
 
@@ -456,13 +451,13 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     def _set_solver_print(
         self, level: int = 2, depth: float = 1e99, type_: str = "all", debug_print: bool | None = None
     ) -> None:
-        """Take the level that ``set_solver_print`` gives nonlinear solvers."""
+        """Take the level of ``set_solver_print`` for nonlinear solvers."""
         if type_ != "LN":
             self.options["iprint"] = level
 
 
 SOLVER_OPTIONS = ("tolerance", "linear_tolerance", "max_steps", "iprint", "anchored")
-"""Options of `EulerState` that a group around it hands on."""
+"""Options of `EulerState` that an enclosing group passes on."""
 
 
 def declare_solver(options: OptionsDictionary) -> None:

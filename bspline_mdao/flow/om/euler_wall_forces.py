@@ -27,7 +27,7 @@ INPUTS = ("states", GRID, "Mach_number", "dynamic_pressure")
 
 
 class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
-    """Forces on the nodes of a surface, with the sum and the moment of the pressures on its faces.
+    """Forces on the nodes of a surface, with the same sum and moment as the pressures on its faces.
 
     ====================  ======  ============  =====  =================================================================
     name                  role    shape         units  meaning
@@ -51,7 +51,7 @@ class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
     Raises
     ------
     InputError
-        In ``setup``, if the surface is not of walls; in a run, if there is no dynamic pressure.
+        In ``setup``, if the surface does not consist of walls; in a run, if there is no dynamic pressure.
     """
 
     is_linear = False
@@ -82,7 +82,7 @@ class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
         self.add_output("wall_forces", val=np.zeros(3 * surface.n_points), units="N")
 
     def compute(self, inputs: Vector, outputs: Vector) -> None:
-        """Share the pressures on the faces among their corners."""
+        """Distribute the pressures on the faces to their corners."""
         pressure = inputs["dynamic_pressure"][0]
         if not 0.0 < pressure.real < np.inf:
             raise InputError(
@@ -107,7 +107,7 @@ class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
         return states.reshape(-1, N_STATES), nodes.reshape(-1, 3), mach[0], pressure[0]
 
     def _along(self, inputs: Vector, d_inputs: Vector) -> tuple[np.ndarray, Any, float, float]:
-        """Directions in all of these, zero where OpenMDAO leaves one out."""
+        """Directions in all of these, zero if OpenMDAO leaves one out."""
         states = d_inputs["states"] if "states" in d_inputs else np.zeros_like(inputs["states"])
         d_mach, d_pressure = (d_inputs[name].item() if name in d_inputs else 0.0 for name in INPUTS[2:])
         return states.reshape(-1, N_STATES), direction_in(d_inputs, inputs, GRID), d_mach, d_pressure

@@ -1,4 +1,4 @@
-"""A flow that has been solved, solved again on a finer member of its grid's family."""
+"""A solved flow, solved again on a finer member of its grid's family."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ KEPT = (
     "linear_tolerance",
     "max_steps",
 )
-"""Options of the flow that hold on the finer member as well."""
+"""Options of the flow that also apply on the finer member."""
 
 
 def solved_on_finer_grid(
-    flow: EulerFlow,  # a flow that has run
-    factor: float,  # cells per direction of the finer member, divided by those of the grid; more than 1
+    flow: EulerFlow,  # a flow that has been run
+    factor: float,  # cells per direction of the finer member, relative to the grid; more than 1
 ) -> dict[str, float]:
-    """Coefficients of a flow on a finer member of its grid, moved as that is: at its lift with trim, else its angle.
+    """Coefficients of a flow on a finer member of its grid, moved alike: at its lift with trim, else at its angle.
 
-    It starts from the states on the grid, prolonged: of several solutions it is the one that goes on from there.
+    It starts from the prolonged states of the grid: if there are several solutions, it finds the corresponding one.
     """
     if not factor > 1.0:
         raise InputError(f"a finer member of factor {factor!r}; give a number above 1, such as 2")

@@ -1,6 +1,6 @@
-"""Files of a flow: fields for ParaView or Tecplot, and states to start from again.
+"""Files of a flow: fields for ParaView or Tecplot, and states for restarts.
 
-Of several processes the first one reads and writes what all of them have.
+With several processes, the first one reads and writes for all of them.
 
 Theory: ``docs/flow.rst``.
 """
@@ -31,12 +31,12 @@ __all__ = ["load_states", "save_states", "write_fields"]
 def write_fields(
     path: str | os.PathLike,  # ``something.vtm`` or ``something.dat``
     state: EulerState,  # the solved states
-    forces: om.ExplicitComponent,  # gives the pressure coefficients on the walls
+    forces: om.ExplicitComponent,  # provides the pressure coefficients on the walls
     topology: Topology,  # of the grid
     header: GridHeader,  # names and patches of the grid
-    partition: Partition,  # who has which pieces
+    partition: Partition,  # the distribution to processes
 ) -> None:
-    """Write the fields of a flow that has run, see `write_flow`."""
+    """Write the fields of a flow that has been run, see `write_flow`."""
     _require_flow(state)
     nodes = _whole(state.comm, state.get_val(GRID, from_src=False).reshape(-1, 3), partition, "rows")
     states = _whole(state.comm, state.get_val("states").reshape(-1, N_STATES), partition, "cells")
@@ -47,7 +47,7 @@ def write_fields(
 
 
 def save_states(path: str | os.PathLike, state: EulerState, topology: Topology, partition: Partition) -> None:
-    """Save the states of a flow that has run, and what it was a flow of."""
+    """Save the states of a flow that has been run, with its grid and conditions."""
     solution = _require_flow(state)
     states = _whole(state.comm, state.get_val("states").reshape(-1, N_STATES), partition, "cells")
     values = {name: state.get_val(name, from_src=False).item() for name in ("alpha", "Mach_number")}
@@ -58,20 +58,20 @@ def save_states(path: str | os.PathLike, state: EulerState, topology: Topology, 
 def load_states(
     path: str | os.PathLike, comm: Any, topology: Topology, partition: Partition
 ) -> tuple[np.ndarray, float]:  # states: (n_cells, 5), of the cells of this process; alpha: their angle of attack (deg)
-    """Read states to start from, those of a member of the grid's family perhaps."""
+    """Read states to start from, possibly of another member of the grid's family."""
     whole, alpha = on_first(comm, lambda: read_states(path, topology))
     return (whole if comm.size == 1 else whole[partition.subdomain(comm.rank).cells]), alpha
 
 
 def _require_flow(state: EulerState) -> FlowSolution:
-    """Refuse what has not run."""
+    """Refuse a flow that has not been run."""
     if state.solution is None:
         raise InputError(f"{state.msginfo}: there is no flow yet; run the model first")
     return state.solution
 
 
 def _whole(comm: Any, part: np.ndarray, partition: Partition, what: str) -> Any:
-    """Rows of the whole grid, of those that each process has: nodes (``rows``) or ``cells``."""
+    """Rows of the whole grid, from the rows of each process: nodes (``rows``) or ``cells``."""
     if comm.size == 1:
         return part
     numbers = [getattr(partition.subdomain(rank), what) for rank in range(comm.size)]

@@ -1,4 +1,4 @@
-"""A flow that is run and summed up: coefficients, time, and how it converged."""
+"""Run a flow and summarise it: coefficients, time, and convergence."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def run_flow(problem: om.Problem) -> dict:
     Returns
     -------
     dict
-        Lift and drags such as ``CL`` and ``CD_induced``, as far as the flow has them, without those that a section has
-        not, and ``seconds`` of wall time, those of other components included. By the Euler equations also ``n_cells``,
-        ``n_steps`` of Newton's method, ``n_products`` with the Jacobian, and the last ``residual``, relative to that of
-        the uniform stream.
+        Lift and drags such as ``CL`` and ``CD_induced``, as far as the flow has them, without those that do not apply
+        to a section, and ``seconds`` of wall time, including other components. For the Euler equations also
+        ``n_cells``, ``n_steps`` of Newton's method, ``n_products`` with the Jacobian, and the last ``residual``,
+        relative to the uniform stream's.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What an optimisation has gained in induced drag, on the grid and on a finer one."""
+"""Reduction of induced drag by an optimisation, on the grid and on a finer one."""
 
 from __future__ import annotations
 
@@ -13,26 +13,25 @@ __all__ = ["InducedGain", "induced_gains"]
 
 @dataclass(frozen=True)
 class InducedGain(OneLine):
-    """By how much an induced drag has fallen, all relative to that of the baseline and divided by the lift squared."""
+    """Reduction of an induced drag, relative to the baseline and divided by the lift squared."""
 
-    # The square takes out that the lift of an angle of attack differs from grid to grid: errors are estimated at the
-    # angle, and designs compared at the lift.
+    # The square compensates for the lift of an angle of attack, which differs from grid to grid: errors are estimated
+    # at the angle, and designs compared at the lift.
 
     name: str  # name of the induced drag
     gain: float  # on the grid
-    finer: float  # as estimated for the finer member
-    # what that may be wrong by: the larger ``remaining`` of both drags. Designs of one wing have much of their errors
-    # in common.
+    finer: float  # estimate for the finer member
+    # its error bound: the larger ``remaining`` of both drags. Designs of one wing have much of their errors in common.
     doubt: float
 
     @property
     def is_listed(self) -> bool:
-        """Whether both grids have more of it than errors may be."""
+        """Whether both grids show a reduction larger than the errors."""
         return min(self.gain, self.finer) > self.doubt
 
     @property
     def words(self) -> str:
-        """What is said of it."""
+        """Description in words."""
         return (
             f"{self.name} by the square of the lift: {_less(self.gain)} on this grid, {_less(self.finer)} on the finer "
             f"one, which may be wrong by {100.0 * self.doubt:.1f} %"
@@ -40,19 +39,17 @@ class InducedGain(OneLine):
 
     @property
     def warning(self) -> str:
-        """What is said where a finer grid may have no gain; nothing where it has one."""
+        """Warning if a finer grid may show no reduction; empty if it shows one."""
         if self.is_listed:
             return ""
         return f"{self.words}: the errors of the grid may be all that was gained; run the study on a finer grid"
 
 
 def induced_gains(before: Mapping[str, ErrorEstimate], after: Mapping[str, ErrorEstimate]) -> tuple[InducedGain, ...]:
-    """Gains of all induced drags whose errors, and those of their lifts, are estimated at the baseline and at the end.
+    """Reductions of all induced drags whose errors, and their lifts' errors, are estimated at the baseline and the end.
 
-    Parameters
-    ----------
-    before, after : mapping of str to ErrorEstimate
-        Estimates by name, ``CD_induced`` and ``CL`` with or without the name of a condition and a dot before them.
+    Estimates are given by name, ``CD_induced`` and ``CL`` with or without the name of a condition and a dot before
+    them.
     """
     return tuple(_gains(before, after))
 
@@ -64,7 +61,7 @@ def _gains(before: Mapping[str, ErrorEstimate], after: Mapping[str, ErrorEstimat
         if last != "CD_induced" or not all({name, lift} <= found.keys() for found in (before, after)):
             continue
         pairs = [(found[name], found[lift]) for found in (before, after)]
-        if not all(drag.value for drag, _ in pairs):  # a section leaves no wake
+        if not all(drag.value for drag, _ in pairs):  # a section has no wake
             continue
         was, now = (drag.value / lift.value**2 for drag, lift in pairs)
         finer_was, finer_now = (drag.finer / lift.finer**2 for drag, lift in pairs)

@@ -1,4 +1,4 @@
-"""The flow about the wing of a grid by a vortex lattice, with the variables of the flow by the Euler equations.
+"""The flow about the wing of a grid by a vortex lattice, with the variables of the Euler flow.
 
 Theory: ``docs/theory/vortex_lattice.rst``.
 """
@@ -52,20 +52,20 @@ class LatticeFlow(Copied, om.Group):
     {outputs}
     ==================  ======  =============  =====  ==================================================================
 
-    ``CD`` is that of the forces on the bound vortices; optimise with ``CD_induced``. There are n_span - 1 strips, and
-    (n_chord - 1, n_span - 1) panels.
+    ``CD`` is computed from the forces on the bound vortices; optimise with ``CD_induced``. There are n_span - 1 strips,
+    and (n_chord - 1, n_span - 1) panels.
 
     Options
     -------
     model : FittedModel, LocalModel or MeshModel
-        The fitted grid about one half of a wing, the span 0 in the plane of symmetry, or what one of several processes
-        needs of it by `Partition.of`; or a mesh without structure about one, on one process.
+        The fitted grid about one half of a wing, the span 0 in the plane of symmetry, or the part of it that one of
+        several processes needs by `Partition.of`; or an unstructured mesh about one, on one process.
     reference_area : float
         Of the half wing (m^2).
     reference_chord : float
-        For moments (m).
+        Chord for moments (m).
     moment_reference : tuple of float
-        Point that moments are taken about, in the axes of the grid (m).
+        Reference point of moments, in the axes of the grid (m).
     n_chord, n_span : int
         Nodes of the lattice.
     patches : str or sequence of str, optional
@@ -73,14 +73,14 @@ class LatticeFlow(Copied, om.Group):
     axes : str
         Axes of the grid that point downstream, along the span and up.
     ends : tuple of float, optional
-        Ends of the lattice along the span (m), see `CamberSurface.of`; by default it ends a quarter of a strip short of
-        the tip, which makes the drag of an elliptical load right but for 2e-4.
+        Ends of the lattice along the span (m), see `CamberSurface.of`; by default it ends a quarter of a strip before
+        the tip, which makes the drag of an elliptical load accurate to 2e-4.
 
     Raises
     ------
     InputError
-        In ``setup``, if OpenAeroStruct is not there, the wall has no camber surface, or the model is that of another
-        subdomain.
+        In ``setup``, if OpenAeroStruct is not installed, the wall has no camber surface, or the model belongs to
+        another subdomain.
     om.AnalysisError
         In a run, if panels of the lattice are folded.
 
@@ -128,11 +128,11 @@ class LatticeFlow(Copied, om.Group):
 
     @fails_together
     def setup(self) -> None:
-        """Add the lattice, its solution, and what is made of that."""
+        """Add the lattice, its solution, and its outputs."""
         _add_solution(self, self._add_camber(), {name: self.options[name] for name in REFERENCES})
 
     def _add_camber(self) -> CamberSurface:
-        """Add the camber surface of the grid's own nodes, without a copy of them in between."""
+        """Add the camber surface from the grid's own nodes, without an intermediate copy."""
         model = self.options["model"]
         surface = SurfaceGrid.of(model, self.options["patches"])
         settings = {name: self.options[name] for name in ("axes", "n_chord", "n_span", "ends")}
@@ -145,12 +145,12 @@ class LatticeFlow(Copied, om.Group):
         if self.comm.size == 1:
             nodes = model.node_map
             self.set_input_defaults(GRID, val=nodes.nodes[: nodes.n_asked].ravel(), units="m")
-        elif model.ownership is None:  # a subdomain of several knows only its own
+        elif model.ownership is None:  # a subdomain of several only knows its own
             self.set_input_defaults(GRID, val=nodes_at(model, np.concatenate(rows)).ravel(), units="m")
         return camber
 
     def _rows_here(self) -> list[np.ndarray]:
-        """Rows of the nodes of ``grid`` that each process holds, one after another."""
+        """Rows of the nodes of ``grid`` on each process, in order."""
         model, n_ranks = self.options["model"], self.comm.size
         if n_ranks == 1 and model.ownership is None:
             return [np.arange(model.n_nodes)]
@@ -164,13 +164,13 @@ class LatticeFlow(Copied, om.Group):
 
 
 class UnfoldedLattice(SurfaceMeasure):
-    """The camber surface of a wing, as a lattice none of whose panels is folded."""
+    """The camber surface of a wing, as a lattice without folded panels."""
 
-    # Variables and options are those of `SurfaceMeasure`, the measure being a `CamberSurface`.
+    # Variables and options are as in `SurfaceMeasure`, with a `CamberSurface` as the measure.
 
     @fails_together
     def compute(self, inputs: Vector, outputs: Vector) -> None:
-        """Lay the lattice and look at its panels."""
+        """Compute the lattice and check its panels."""
         super().compute(inputs, outputs)
         measure = self.options["measure"]
         folded = folded_panels(outputs[measure.name].real)
@@ -189,8 +189,8 @@ def lattice_camber(
     n_span: int = N_SPAN,
     ends: tuple[float, float] | None = None,
 ) -> CamberSurface:
-    """The lattice that a `LatticeFlow` with these options lays into walls."""
-    if ends is None:  # the root, and a place a quarter of a strip short of the tip
+    """The lattice that a `LatticeFlow` with these options fits to walls."""
+    if ends is None:  # the root, and a place a quarter of a strip before the tip
         span = np.abs(surface.points[:, "xyz".find(axes[1:2])])
         ends = float(span.min()), float(span.min() + np.ptp(span) * (n_span - 1) / (n_span - 0.75))
     return CamberSurface.of(surface, n_chord, n_span, axes=axes, ends=ends)
@@ -202,12 +202,12 @@ def lattice_lift(
     alpha: float,  # alpha, mach: angle of attack (deg) and Mach number
     mach: float,
 ) -> float:
-    """Lift coefficient of a lattice, as `LatticeFlow` has it."""
+    """Lift coefficient of a lattice, as in `LatticeFlow`."""
     return LatticeLift(camber, reference_area, alpha, mach).at(camber.surface.points)
 
 
 class LatticeLift:
-    """Lift coefficient of a lattice for many shapes of its walls, as `LatticeFlow` has it."""
+    """Lift coefficient of a lattice for many shapes of its walls, as in `LatticeFlow`."""
 
     def __init__(self, camber: CamberSurface, reference_area: float, alpha: float, mach: float) -> None:
         self.camber, self.area, self._problem = camber, reference_area, om.Problem(reports=None)
@@ -229,7 +229,7 @@ class LatticeLift:
 
 
 def _add_solution(group: om.Group, camber: CamberSurface, references: Mapping[str, Any]) -> None:
-    """Add the solution on a lattice, and what is made of it, to a group that has ``camber_surface``."""
+    """Add the solution on a lattice, and its outputs, to a group that has ``camber_surface``."""
     n_chord, n_span, _ = camber.shape
     group.add_subsystem("stream", _unit_stream())
     inputs = ["camber_surface", "alpha", "Mach_number"]
@@ -250,7 +250,7 @@ def _add_solution(group: om.Group, camber: CamberSurface, references: Mapping[st
 def folded_panels(
     lattice: np.ndarray,  # (n_chord, n_span, 3), nodes (m)
 ) -> np.ndarray:  # (n_chord - 1, n_span - 1) of bool
-    """Find panels one of whose corners points the other way than the panel, or than a neighbour of it."""
+    """Find panels with a corner that points the other way than the panel, or than one of its neighbours."""
     chordwise, spanwise = np.diff(lattice, axis=0), np.diff(lattice, axis=1)
     normals = np.cross(lattice[1:, 1:] - lattice[:-1, :-1], lattice[:-1, 1:] - lattice[1:, :-1])
     folded = np.zeros(normals.shape[:2], dtype=bool)
@@ -263,7 +263,7 @@ def folded_panels(
 
 
 def _unit_stream() -> om.IndepVarComp:
-    """Speed and density of a dynamic pressure of 1 Pa."""
+    """Speed and density for a dynamic pressure of 1 Pa."""
     stream = om.IndepVarComp()
     stream.add_output("velocity", val=1.0, units="m/s")
     stream.add_output("density", val=2.0, units="kg/m**3")
@@ -271,7 +271,7 @@ def _unit_stream() -> om.IndepVarComp:
 
 
 def _places(of_ranks: Sequence[np.ndarray], rows: np.ndarray) -> tuple[np.ndarray, int]:
-    """Places of nodes among those that processes hold one after another, and the number of these."""
+    """Places of nodes among the nodes of all processes in order, and their number."""
     places, start = np.empty_like(rows), 0
     for rows_here in of_ranks:
         order = np.argsort(rows_here, kind="stable")
@@ -285,7 +285,7 @@ def _places(of_ranks: Sequence[np.ndarray], rows: np.ndarray) -> tuple[np.ndarra
 
 @documents_outputs("lattice")
 class LatticeForces(Copied, om.ExplicitComponent):
-    """Lift, drag, moments and span load of the forces on the panels.
+    """Lift, drag, moments and span load from the forces on the panels.
 
     ==================  ======  ============================  =====  ===================================================
     name                role    shape                         units  meaning
@@ -303,7 +303,7 @@ class LatticeForces(Copied, om.ExplicitComponent):
     reference_area, reference_chord : float
         Of the half wing (m^2), and for moments (m).
     moment_reference : array_like, shape (3,)
-        Point that moments are taken about, in the axes of the grid (m).
+        Reference point of moments, in the axes of the grid (m).
     """
 
     is_linear = False
@@ -398,7 +398,7 @@ def _strips(shape: tuple[int, int, int], axes: np.ndarray) -> SpanStrips:
 
 
 def _bound(shape: tuple[int, int, int]) -> csr_array:
-    """Weights of the nodes in the middles of the bound vortices, at a quarter of the chord of every panel."""
+    """Weights of the nodes for the centres of the bound vortices, at a quarter of the chord of every panel."""
     along, across = (
         diags_array([first, second], offsets=[0, 1], shape=(n - 1, n))
         for n, first, second in ((shape[0], 0.75, 0.25), (shape[1], 0.5, 0.5))

@@ -1,4 +1,4 @@
-"""Mach numbers at which flows were compared with what is known, and a warning of others.
+"""Mach numbers at which flows were validated, and a warning for others.
 
 The comparisons are in ``docs/validation.rst``, ``docs/flow.rst`` and ``docs/theory``.
 """
@@ -17,13 +17,13 @@ __all__ = ["EULER", "LATTICE", "MachRange", "MachWatch", "warn_of_mach_number"]
 
 
 class MachRange(NamedTuple):
-    """Mach numbers of the free stream between which a flow was compared with exact solutions, codes or measurements."""
+    """Mach numbers of the free stream at which a flow was validated against exact solutions, codes or measurements."""
 
     lowest: float
     highest: float
 
     def fault(self, mach: float) -> str:
-        """Say that a Mach number is out of it; empty where it is not."""
+        """Say that a Mach number is outside; empty if it is not."""
         if self.lowest <= mach <= self.highest:
             return ""
         return (
@@ -33,12 +33,12 @@ class MachRange(NamedTuple):
 
 
 EULER = MachRange(0.1, 0.84)
-"""Of `EulerFlow`: from potential flow about NACA 0012 (``docs/theory/euler.rst``) to what was measured about the ONERA
-M6 at 0.8395 (``docs/validation.rst``)."""
+"""Of `EulerFlow`: from potential flow about NACA 0012 (``docs/theory/euler.rst``) to measurements about the ONERA M6 at
+0.8395 (``docs/validation.rst``)."""
 
 LATTICE = MachRange(0.0, 0.5)
 """Of the vortex lattice: from OpenAeroStruct's own incompressible flow to the ellipse of a wing at 0.5
-(``docs/theory/vortex_lattice.rst``). The rule of Prandtl and Glauert knows no shocks."""
+(``docs/theory/vortex_lattice.rst``). The Prandtl-Glauert rule has no shocks."""
 
 
 def warn_of_mach_number(
@@ -46,7 +46,7 @@ def warn_of_mach_number(
     mach: float,
     known: MachRange,
 ) -> bool:
-    """Warn where a Mach number is out of a range, and say whether it is."""
+    """Warn if a Mach number is outside a range, and return whether it is."""
     fault = known.fault(mach)
     if fault:
         warnings.warn(f"{path.rpartition('.')[0] or 'flow'}: {fault}", MachNumberWarning, stacklevel=2)
@@ -54,7 +54,7 @@ def warn_of_mach_number(
 
 
 class MachWatch(om.ExplicitComponent):
-    """Looks at the Mach number of a flow whose components are those of others."""
+    """Checks the Mach number of a flow whose components belong to other packages."""
 
     # ===============  =====  =====  =====  =====================
     # name             role   shape  units  meaning

@@ -15,7 +15,7 @@ __all__ = ["MovedHingeMoment"]
 
 
 class MovedHingeMoment(om.ExplicitComponent):
-    """Moment of a control surface about its hinge, wherever that is.
+    """Moment of a control surface about its hinge, wherever the hinge is.
 
     =================  ======  =====  =====  ======================================================================
     name               role    shape  units  meaning

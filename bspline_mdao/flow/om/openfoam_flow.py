@@ -37,16 +37,16 @@ from .references import REFERENCES, declare_references
 __all__ = ["OpenFoamFlow"]
 
 SPEEDS = {"Mach_number": (0.3, None), "speed": (30.0, "m/s")}
-"""Values by default and units of what a speed is given by."""
+"""Default values and units of the inputs for the speed."""
 
 
 class OpenFoamFlow(Copied, om.ExplicitComponent):
     """Steady flow by an OpenFOAM solver in its own folder; each design starts from the last solution.
 
-    The solver has to be on the PATH: ``apt-get install openfoam`` on Debian. It runs on this machine. What it prints
-    goes to ``log.<program>`` in the folder, where the fields of the last design are as well. A design that cannot be
-    solved is an ``om.AnalysisError``, so that drivers take a smaller step: cells without volume, a solver that is
-    missing, diverged, was killed or took too long, or residuals that stay above their tolerance.
+    The solver must be on the PATH: ``apt-get install openfoam`` on Debian. It runs on this machine. Its output goes to
+    ``log.<program>`` in the folder, which also has the fields of the last design. A design that cannot be solved raises
+    ``om.AnalysisError``, so that drivers take a smaller step: cells without volume, a solver that is missing, diverged,
+    was killed or took too long, or residuals that stay above their tolerance.
 
     ================  ======  ============  =====  =====================================================================
     name              role    shape         units  meaning
@@ -64,45 +64,46 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
     ``n_iterations``  output  (1,)                 of the solver
     ================  ======  ============  =====  =====================================================================
 
-    Faces of walls are patch after patch. Those of a fitted grid are in the order of `CellFaces`, without those that
-    have collapsed to lines. Coefficients are summed here over the faces; those that OpenFOAM finds are compared, and
-    after the first solution a `ReferenceWarning` says what looks wrong: axes, reference area, forces.
+    Faces of walls are patch after patch. For a fitted grid they are in the order of `CellFaces`, without those that
+    have collapsed to lines. Coefficients are summed here over the faces and compared with OpenFOAM's, and after the
+    first solution a `ReferenceWarning` reports what looks wrong: axes, reference area, forces.
 
     By default there are no derivatives: let OpenMDAO take differences over a few variables, of the model or of a group
-    around this component and what moves its grid, with ``approx_totals`` (:doc:`/howto/openfoam_flow`). Designs that
-    differences are taken of start from the same solution.
+    around this component and the movement of its grid, with ``approx_totals`` (:doc:`/howto/openfoam_flow`). All
+    designs of a difference start from the same solution.
 
-    With ``derivatives="adjoint"`` those of CL, CD and CM by nodes and angle are of OpenFOAM's continuous adjoint, in
-    reverse mode, one solution of ``adjointOptimisationFoam`` for each coefficient, in a folder of its own in the case;
-    for incompressible flows, laminar or by the model of Spalart and Allmaras. Nodes that are on no wall have zeros.
-    These are derivatives of the equations, some per cent to some tens of per cent off those of the solution: see
-    :doc:`/howto/openfoam_flow` before you trust them. Derivatives by the speed are zero, at a fixed Reynolds number.
+    With ``derivatives="adjoint"`` the derivatives of CL, CD and CM by nodes and angle come from OpenFOAM's continuous
+    adjoint, in reverse mode, with one solution of ``adjointOptimisationFoam`` for each coefficient, in a folder of its
+    own in the case; for incompressible flows, laminar or with the Spalart-Allmaras model. Nodes that are on no wall
+    have zeros. These are derivatives of the equations, which differ by some per cent to some tens of per cent from the
+    derivatives of the solution: see :doc:`/howto/openfoam_flow` before you trust them. Derivatives by the speed are
+    zero, at a fixed Reynolds number.
 
     Options
     -------
     model : FittedModel or MeshModel
-        The fitted grid, or a mesh without structure, with its walls.
+        The fitted grid, or an unstructured mesh, with its walls.
     folder : path-like
-        Folder for the case, new or empty or of an earlier run; it is kept. One run at a time is in it. A later run of
-        the same mesh and solver starts from the solution there.
+        Folder for the case, new or empty or of an earlier run; it is kept. Only one run at a time may use it. A later
+        run of the same mesh and solver starts from the solution there.
     case : FlowCase, optional
-        What is solved; an `InviscidCase` by default.
+        The case to solve; an `InviscidCase` by default.
     reference_area : float
-        Of what the grid shows (m^2): of the half wing, if it shows one half.
+        Area of the modelled part (m^2): of the half wing, if the grid contains one half.
     reference_chord : float
-        For moments (m).
+        Chord for moments (m).
     moment_reference : sequence of three float
-        Point that moments are about, in the axes of the grid (m).
+        Reference point of moments, in the axes of the grid (m).
     axes : str
         Axes of the grid that point downstream, along the span, and up.
     n_processes : int
-        On which OpenFOAM runs, by ``mpirun``, flow and adjoint: ``decomposePar`` deals the cells out before, and
-        ``reconstructPar`` puts the fields together after.
+        Number of processes for OpenFOAM, by ``mpirun``, flow and adjoint: ``decomposePar`` distributes the cells
+        before, and ``reconstructPar`` merges the fields after.
     time_limit : float, optional
-        Wall time of a solution (s), after which the solver is stopped.
+        Wall time of a solution (s) after which the solver is stopped.
     unconverged : {"refuse", "take"}
-        What is done with residuals above the tolerance of the case after all of its iterations: they are an
-        ``om.AnalysisError`` that names them, or the solution is taken all the same.
+        What happens if residuals are above the tolerance of the case after all of its iterations: an
+        ``om.AnalysisError`` names them, or the solution is accepted anyway.
     derivatives : {"none", "adjoint"}
         Whether there are derivatives, see above.
     iprint : int
@@ -111,7 +112,7 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
     Raises
     ------
     InputError
-        In ``setup``, if no patch is a wall, or there is no reference area; in a run, if another one is in the folder.
+        In ``setup``, if no patch is a wall, or there is no reference area; in a run, if another one uses the folder.
 
     Examples
     --------
@@ -196,7 +197,7 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
         self.add_output("n_iterations", desc="of the solver")
 
     def compute(self, inputs: Vector, outputs: Vector) -> None:
-        """Run the solver, unless the last solution is of this design."""
+        """Run the solver, unless the last solution is for this design."""
         refuse_complex_step(self)
         nodes = finite_points(inputs[GRID], GRID, self.msginfo)
         state = [nodes, *(finite_values(inputs[name], name, self.msginfo) for name in ("alpha", self._speed))]
@@ -208,7 +209,7 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
         outputs["y_plus"], outputs["n_iterations"] = found.y_plus, found.convergence.n_iterations
 
     def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
-        """Apply the transpose, an adjoint solution for each coefficient; refuse where zeros would be taken for it."""
+        """Apply the transpose, by an adjoint solution for each coefficient; refuse where zeros would be misleading."""
         if self._adjoint is None:
             raise InputError(
                 f"{self.msginfo}: has no derivatives; give it derivatives='adjoint', or call approx_totals() on the "
@@ -241,7 +242,7 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
     def _solve(self, nodes: np.ndarray, alpha: np.ndarray, speed: np.ndarray) -> CaseResult:
         self._gradients = {}
         if self._adjoint is not None:
-            self._last.points = None  # the folder has this design from here on, also where it fails
+            self._last.points = None  # the folder has this design from here on, even if it fails
         found = self._flow.solve(nodes, RADIAN * alpha.item(), speed.item(), not self.under_finite_difference)
         if self.options["iprint"]:
             print(

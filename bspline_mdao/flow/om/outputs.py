@@ -1,4 +1,4 @@
-"""Outputs of flows as components declare and document them, by the table of functionals."""
+"""Outputs of flows as components declare and document them, from the table of functionals."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EXTENTS = {"number": "(1,)", "axes": "(3,)", "strips": "(n_strips)", "faces": "(
 
 
 Shapes = Mapping[str, int | tuple[int, ...]]
-"""Of strips, faces or panels."""
+"""Dimensions of strips, faces or panels."""
 
 
 def declare_outputs(component: om.Component, flow: FlowKind, shapes: Shapes) -> None:
@@ -30,7 +30,7 @@ def declare_outputs(component: om.Component, flow: FlowKind, shapes: Shapes) -> 
 
 
 def declaration(name: str, shapes: Shapes) -> dict[str, Any]:
-    """Shape, units and description of the output that a functional is."""
+    """Shape, units and description of the output for a functional."""
     functional = FUNCTIONALS[name]
     shape = {"number": 1, "axes": 3, **shapes}[functional.extent]
     return {"shape": shape, "units": functional.units, "desc": functional.meaning}
@@ -42,10 +42,10 @@ def units_of(names: Iterable[str]) -> dict[str, str | None]:
 
 
 def documents_outputs(flow: FlowKind) -> Callable[[Kind], Kind]:
-    """Decorate a component: the line ``{outputs}`` of the table in its docstring becomes the flow's functionals."""
+    """Decorate a component: the flow's functionals replace the line ``{outputs}`` of the table in its docstring."""
 
     def documented(kind: Kind) -> Kind:
-        if kind.__doc__:  # there is none where Python drops docstrings
+        if kind.__doc__:  # there is none if Python drops docstrings
             rule = next(line for line in kind.__doc__.splitlines() if line.strip().startswith("===="))
             rows = "\n".join(_rows(flow, rule))
             kind.__doc__ = re.sub(r"^ *\{outputs\}$", lambda _: rows, kind.__doc__, flags=re.M)
@@ -55,7 +55,7 @@ def documents_outputs(flow: FlowKind) -> Callable[[Kind], Kind]:
 
 
 def _rows(flow: FlowKind, rule: str) -> list[str]:
-    """Rows of a table in reStructuredText, with columns below the rule above it."""
+    """Rows of a table in reStructuredText, with columns as in the rule above it."""
     spans = [match.span() for match in re.finditer("=+", rule)]
     rows = []
     for name, functional in of_flow(flow).items():

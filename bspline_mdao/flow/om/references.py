@@ -1,4 +1,4 @@
-"""Options of every flow: reference area and chord, and the point of the moments."""
+"""Options of every flow: reference area and chord, and reference point of moments."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from openmdao.utils.options_dictionary import OptionsDictionary
 __all__ = ["REFERENCES", "declare_references"]
 
 REFERENCES = ("reference_area", "reference_chord", "moment_reference")
-"""Options that a group around the forces hands on."""
+"""Options that a group around the forces passes on."""
 
 
 def declare_references(options: OptionsDictionary) -> None:

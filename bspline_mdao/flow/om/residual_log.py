@@ -1,4 +1,4 @@
-"""Lines of a flow that converges: one for every Newton step, with the lift and drag that it has by then."""
+"""Convergence log of a flow: a line for every Newton step, with the current lift and drag."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ HEAD = f"{'step':>6} {'residual':>10} {'CFL':>9} {'products':>9} {'length':>7} {
 
 
 class ResidualLog:
-    """Print a line for every Newton step of a run, below a head line; of several processes the first one prints."""
+    """Prints a line for every Newton step of a run, below a header; with several processes the first one prints."""
 
     def __init__(
         self,
         name: str,  # name of the component
-        forces: FlowForces,  # gives lift and drag of the states
-        comm: Any,  # the processes, all of which tell each step
-        shows_alpha: bool = False,  # whether there is a column for the angle of attack, as where it is solved for
+        forces: FlowForces,  # provides lift and drag from the states
+        comm: Any,  # the processes, all of which log each step
+        shows_alpha: bool = False,  # whether there is a column for the angle of attack, as in trimmed flow
     ):
         self.name, self.forces, self.comm, self.shows_alpha = name, forces, comm, shows_alpha
         self.n_steps = 0

@@ -22,22 +22,22 @@ from .snapshots import Snapshot
 __all__ = ["SeriesRecorder"]
 
 WHICH = ("major", "all")
-"""Iterations that can be asked for."""
+"""Choices of iterations."""
 
 
 class SeriesRecorder(CaseRecorder):
     """Write grid, walls and control mesh at iterations of a driver, and a series of them that ParaView plays.
 
     Added to a driver by ``add_recorder``, it needs nothing else: it finds the fitted grid and the flow of the problem.
-    ``wing.pvd`` is the series; the folder ``wing`` has the files of each iteration, by its number: of the grid with the
-    quality and the place of its cells and the flow, of the walls, and of the control mesh; of a mesh without structure
-    its cells, walls and lattice. The series is whole after every iteration, so that it can be watched.
+    ``wing.pvd`` is the series; the folder ``wing`` has the files of each iteration, by its number: the grid with the
+    quality and the place of its cells and the flow, the walls, and the control mesh; for an unstructured mesh its
+    cells, walls and lattice. The series is complete after every iteration, so it can be viewed during the run.
 
-    A major iteration is one at which the driver asks for derivatives, where an algorithm takes a new direction; of
-    drivers without derivatives, each run of the model. To be told of these, the recorder sets the recording option
+    A major iteration is one at which the driver requests derivatives, where an algorithm takes a new direction; with
+    drivers without derivatives, it is each run of the model. To be notified, the recorder sets the recording option
     ``record_derivatives`` of the driver. The last run of the model is written in ``Problem.cleanup``, which OpenMDAO
-    calls at the end of the program at the latest. Of several processes, the first writes what all of them have. What
-    cannot be written, since the disk is full for example, is a warning and not the end of the run.
+    calls at the end of the program at the latest. With several processes, the first writes for all of them. A failure
+    to write, for example on a full disk, is a warning and does not end the run.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class SeriesRecorder(CaseRecorder):
     Raises
     ------
     InputError
-        If the suffix is another one, there is no folder to write to, or ``which`` is not known.
+        If the suffix is different, the folder does not exist, or ``which`` is unknown.
 
     Examples
     --------
@@ -75,7 +75,7 @@ class SeriesRecorder(CaseRecorder):
         self._is_major_known = self._is_failing = False
 
     def startup(self, recording_requester: Any, comm: Any = None) -> None:
-        """Begin the series anew; called by OpenMDAO."""
+        """Start a new series; called by OpenMDAO."""
         super().startup(recording_requester, comm)
         self._lines, self._last, self._n_written = [], None, -1
         supports = getattr(recording_requester, "supports", {})
@@ -85,35 +85,35 @@ class SeriesRecorder(CaseRecorder):
             options["record_derivatives"] = True
 
     def record_metadata_system(self, system: om.System, run_number: int | None = None) -> None:
-        """Options of systems have no place here."""
+        """Nothing: options of systems are not recorded."""
 
     def record_metadata_solver(self, solver: Solver, run_number: int | None = None) -> None:
-        """Nor have those of solvers."""
+        """Nothing: options of solvers are not recorded."""
 
     def record_iteration_driver(self, recording_requester: Driver, data: dict, metadata: dict[str, Any]) -> None:
-        """Keep what the model holds now, and write it where every run of the model is wanted."""
+        """Keep the current values of the model, and write them if every run is requested."""
         problem = recording_requester._problem()
         self._last = self._counter, Snapshot.of(problem, f"iteration {self._counter}")
         if not self._is_major_known:
             self._write(problem.comm)
 
     def record_derivatives_driver(self, recording_requester: Driver, data: dict, metadata: dict[str, Any]) -> None:
-        """Write the last run of the model: the driver has asked for its derivatives."""
+        """Write the last run of the model: the driver has requested its derivatives."""
         self._write(recording_requester._problem().comm)
 
     def shutdown(self) -> None:
-        """Write the last run of the model, where that has not been done; called by ``Problem.cleanup``."""
+        """Write the last run of the model, if not yet written; called by ``Problem.cleanup``."""
         if self._last is not None and self._record_on_proc is not False:
             self._try(self._write_files)
 
     def _write(self, comm: Any) -> None:
-        """Write the last run of the model, once; of several processes the first one does."""
+        """Write the last run of the model, once; with several processes the first one does."""
         if self._last is not None and self._last[0] != self._n_written:
             self._try(lambda: on_first(comm, self._write_files))
             self._n_written = self._last[0]
 
     def _try(self, write: Callable[[], None]) -> None:
-        """Write something; the first of some that cannot be written is a warning."""
+        """Write something; the first failure is a warning."""
         try:
             write()
             self._is_failing = False
@@ -126,7 +126,7 @@ class SeriesRecorder(CaseRecorder):
             self._is_failing = True
 
     def _write_files(self) -> None:
-        """Write the files of an iteration, and the series with them."""
+        """Write the files of an iteration, and the updated series."""
         number, state = self._last or (0, None)
         if state is None or number == self._n_written:
             return

@@ -1,6 +1,6 @@
-"""Files of snapshots: of a grid of blocks with its flow, and of a mesh without structure, each with its control mesh.
+"""Files of snapshots: of a grid of blocks with its flow, and of an unstructured mesh, each with its control mesh.
 
-Which is written goes by the kind of the grid.
+The kind of the grid determines which are written.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = ["FlowFields", "suffix_of", "write_files"]
 class FlowFields(NamedTuple):
     """A flow about a grid of blocks."""
 
-    states: np.ndarray  # its states, one cell after the other
+    states: np.ndarray  # its states, cell after cell
     pressures: np.ndarray  # pressure coefficients of the wall faces
     mach: float  # Mach number of the free stream
 
@@ -46,11 +46,11 @@ def suffix_of(grid: Grid | MixedMesh) -> str:
 def write_files(
     grid: Any,  # Grid or MixedMesh
     path: Path,  # file for it
-    model: Movable | None,  # the model that it comes from
+    model: Movable | None,  # the model that it belongs to
     control_points: np.ndarray | None,  # its control points (m), shape (n_control_points, 3)
     flow: FlowFields | None,  # the flow about it
 ) -> dict[str, Path]:
-    """Write what there is of a grid: files by what they hold."""
+    """Write what is available for a grid; return the files by content."""
     raise InputError(f"{path}: nothing is known of a {type(grid).__name__}; give a Grid or a MixedMesh")
 
 

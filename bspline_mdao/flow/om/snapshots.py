@@ -1,4 +1,4 @@
-"""What there is to look at, at one moment: a grid, its control mesh, and a flow about it."""
+"""What can be plotted at one moment: a grid, its control mesh, and a flow about it."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ class Snapshot(OneLine):
     Parameters
     ----------
     grid : Grid or MixedMesh
-        The grid, or the mesh without structure.
+        The grid, or the unstructured mesh.
     title : str
-        What pictures call it.
+        Its name in pictures.
     model : FittedModel, LocalModel, MeshModel or None
-        The model that it comes from.
+        The model that it belongs to.
     control_points : ndarray or None
         Its control points (m), shape (n_control_points, 3).
     pressures : ndarray or None
-        Pressure coefficients of the wall faces, of an `EulerFlow`.
+        Pressure coefficients of the wall faces, for an `EulerFlow`.
     states : ndarray or None
         Its states.
     mach : float or None
@@ -74,25 +74,25 @@ class Snapshot(OneLine):
 
     @classmethod
     def of(cls, what: Any, title: str | None = None) -> Snapshot:
-        """Take a grid, a fitted grid, or a problem as it is now.
+        """Take a grid, a fitted grid, or the current state of a problem.
 
         Parameters
         ----------
         what : Grid, MixedMesh, FittedModel, MeshModel, openmdao.api.Problem, openmdao.api.Group or Snapshot
-            Of a problem or a group of it, the first `GridMovement`, `GridEvaluate` or flow tells the grid, and the
-            first `EulerFlow` or `LatticeFlow` the flow.
+            In a problem or one of its groups, the first `GridMovement`, `GridEvaluate` or flow provides the grid, and
+            the first `EulerFlow` or `LatticeFlow` the flow.
         title : str, optional
-            What pictures call it.
+            Its name in pictures.
 
         Returns
         -------
         Snapshot
-            Of its own: what the problem does afterwards does not change it.
+            A copy: it does not change with the problem.
 
         Raises
         ------
         InputError
-            If there is no grid in it, or a problem has not run.
+            If there is no grid in it, or a problem has not been run.
         """
         if isinstance(what, cls):
             return what
@@ -110,26 +110,26 @@ class Snapshot(OneLine):
         )
 
     def write(self, path: str | os.PathLike) -> dict[str, Path]:
-        """Write what there is, for ParaView or Tecplot.
+        """Write what is available, for ParaView or Tecplot.
 
         Parameters
         ----------
         path : path-like
             ``something.vtm`` or ``something.dat``: the grid, with the quality and the place of its cells, and the flow,
             see `EulerFlow.write_fields`. Walls go to ``something_walls``, the control mesh to ``something_control``.
-            Of a mesh without structure ``something.vtu``: its cells, with their quality and with what nodes have moved
-            by; of two dimensions those of its plane. Walls go to ``something_walls.vtu``, the lattice to
+            For an unstructured mesh ``something.vtu``: its cells, with their quality and with the displacements of
+            nodes; in two dimensions the cells of its plane. Walls go to ``something_walls.vtu``, the lattice to
             ``something_control.vtm``.
 
         Returns
         -------
         dict of str to Path
-            ``grid``, and where there are such ``walls`` and ``control mesh``: the files.
+            ``grid``, and if available ``walls`` and ``control mesh``: the files.
 
         Raises
         ------
         InputError
-            If the suffix is another one, or a file cannot be written.
+            If the suffix is different, or a file cannot be written.
         """
         flow = None
         if self.states is not None and self.pressures is not None and self.mach is not None:
@@ -143,13 +143,13 @@ class Snapshot(OneLine):
 
 
 def _of_group(group: om.Group, title: str) -> Snapshot:
-    """What a group of a problem holds now; several processes gather what each of them has."""
+    """Current contents of a group of a problem, gathered from all processes."""
     systems = list(group.system_iter(include_self=True, recurse=True))
     model = next((found for system in systems if (found := _model_of(system)) is not None), None)
     if model is None:
         raise InputError("the problem has no GridMovement, GridEvaluate or EulerFlow of a model to look at")
     values = _values(systems)
-    if GRID not in values and group.comm.size == 1:  # that of a LatticeFlow is the input of no component
+    if GRID not in values and group.comm.size == 1:  # the grid of a LatticeFlow is the input of no component
         with suppress(KeyError):
             values[GRID] = np.array(group.get_val(GRID))
     if GRID not in values:
@@ -178,13 +178,13 @@ def _lattice(systems: Iterable[om.System]) -> tuple[np.ndarray | None, np.ndarra
 
 
 def _model_of(system: om.System) -> Movable | None:
-    """The model that a system was made with."""
+    """The model with which a system was made."""
     found = system.options["model"] if "model" in system.options else None  # noqa: SIM401 (no mapping: it has no get)
     return found if isinstance(found, Movable) else None
 
 
 def _values(systems: Iterable[om.System]) -> dict[str, np.ndarray]:
-    """Values of the variables that are looked for, of the first component that has each, as copies."""
+    """Copies of the values of the requested variables, from the first component that has each."""
     found: dict[str, np.ndarray] = {}
     for system in systems:
         local = system.get_io_metadata(metadata_keys=())
@@ -196,7 +196,7 @@ def _values(systems: Iterable[om.System]) -> dict[str, np.ndarray]:
 
 
 def _gathered(systems: Iterable[om.System], system: om.System, name: str, value: np.ndarray) -> np.ndarray:
-    """All of a variable of which each process has a part: nodes by their rows, states by their cells."""
+    """The whole of a distributed variable: nodes by their rows, states by their cells."""
     if name not in (GRID, "states"):
         return value
     subdomain = _subdomain(systems, system.comm)
@@ -209,7 +209,7 @@ def _gathered(systems: Iterable[om.System], system: om.System, name: str, value:
 
 
 def _subdomain(systems: Iterable[om.System], comm: Any) -> Subdomain:
-    """Nodes and cells of this process, as the components say that have parts of the grid."""
+    """Nodes and cells of this process, from the components that have parts of the grid."""
     for system in systems:
         given = "partition" in system.options and system.options["partition"]
         if isinstance(given, Subdomain):

@@ -1,4 +1,4 @@
-"""Drag that is the grid's: what it is made of, and a warning where it is optimised.
+"""Drag from the errors of the grid: its parts, and a warning if it is optimised.
 
 Theory: ``docs/theory/far_field.rst``.
 """
@@ -21,11 +21,11 @@ from .derivative_mode import outputs_downstream
 __all__ = ["drag_sources", "induced_and_least", "is_optimised", "warn_below_the_ellipse", "warn_of_spurious_drag"]
 
 MOST_SPURIOUS = 0.1
-"""Part of the drag that may be spurious where it is optimised."""
+"""Fraction of an optimised drag that may be spurious."""
 
 ROUNDED = 5e-4
-"""Part by which an induced drag may be below the least of its lift and wake. An optimal rectangular wing is by 5e-5,
-what the wake's sum leaves out; a twist that oscillates with the errors of the grid was by 1e-3."""
+"""Fraction by which an induced drag may be below the minimum for its lift and wake. For an optimal rectangular wing it
+is 5e-5, which the wake's sum leaves out; for a twist that oscillates with the errors of the grid it was 1e-3."""
 
 
 def drag_sources(
@@ -36,7 +36,7 @@ def drag_sources(
     alpha: float,  # alpha, mach: angle of attack (rad) and Mach number
     mach: float,
 ) -> DragSources:
-    """Divide the drag of the pressures into that of the wake, of shocks, and what is spurious."""
+    """Split the pressure drag into the drag of the wake, the drag of shocks, and spurious drag."""
     values = forces.evaluate(states, nodes, alpha, mach)
     total, induced = (float(np.ravel(values[name])[0]) for name in ("CD", "CD_induced"))
     wave = wave_drag(flow.discretization, states, flow.areas(nodes), mach) / forces.wing.coefficients.area
@@ -51,10 +51,10 @@ def is_optimised(component: om.ExplicitComponent, name: str) -> bool:
 
 
 def warn_of_spurious_drag(path: str, sources: DragSources) -> None:
-    """Warn where more than a tenth of a drag that is optimised is of the grid."""
+    """Warn if more than a tenth of an optimised drag is due to the grid."""
     part = sources.spurious / sources.total if sources.total else 0.0
     if abs(part) > MOST_SPURIOUS:
-        is_none = round(sources.induced, 5) == 0.0  # as of sections
+        is_none = round(sources.induced, 5) == 0.0  # as for sections
         induced = "" if is_none else f"induced {sources.induced:.5f} + "
         others = "" if is_none else ", or, without shocks, CD_induced or CD_induced + CD_entropy for CD"
         warnings.warn(
@@ -67,7 +67,7 @@ def warn_of_spurious_drag(path: str, sources: DragSources) -> None:
 
 
 def induced_and_least(flow: om.Group) -> tuple[float, float]:
-    """Induced drag of an `EulerFlow` that has run on one process, and the least of any load of its lift on its wake."""
+    """Induced drag of an `EulerFlow` that has run on one process, and the minimum for its lift on its wake."""
     wing = flow.state.options["forces"].wing
     nodes, alpha = flow.get_val(GRID).reshape(-1, 3), RADIAN * flow.get_val("alpha", units="deg").item()
     lift, induced = (flow.get_val(name).item() for name in ("CL", "CD_induced"))
@@ -76,7 +76,7 @@ def induced_and_least(flow: om.Group) -> tuple[float, float]:
 
 
 def warn_below_the_ellipse(path: str, induced: float, least: float) -> None:
-    """Warn where the induced drag is less than that of the best load for its lift: the grid does not resolve it."""
+    """Warn if the induced drag is less than the best load's for its lift: the grid does not resolve it."""
     if induced < (1.0 - ROUNDED) * least:
         warnings.warn(
             f"{path}: CD_induced is {induced:.6f}, {100.0 * (1.0 - induced / least):.2f} % below that of an elliptical "

@@ -40,13 +40,13 @@ from .references import REFERENCES, declare_references
 __all__ = ["Su2Flow"]
 
 CHECK_STEP = 1e-5
-"""Step of ``check_partials`` in all inputs: flows are converged to 1e-10 or so, and change over a length of order 1."""
+"""Step of ``check_partials`` in all inputs: flows are converged to about 1e-10, and change over a length of order 1."""
 
 
 class Su2Flow(Copied, om.ExplicitComponent):
-    """Steady compressible flow by SU2, with friction or without, run in a case folder, and its discrete adjoint.
+    """Steady compressible flow by SU2, viscous or inviscid, run in a case folder, and its discrete adjoint.
 
-    SU2 is a program of its own, version 7 or 8; ``SU2_CFD`` has to be on the PATH and, for derivatives, ``SU2_CFD_AD``.
+    SU2 is a separate program, version 7 or 8; ``SU2_CFD`` must be on the PATH and, for derivatives, ``SU2_CFD_AD``.
     Derivatives by the nodes are SU2's sensitivities of all nodes, exact for its discrete flow; they do not pass through
     its own mesh deformation. Lift and drag take two adjoint solutions together, each moment takes one.
 
@@ -62,49 +62,50 @@ class Su2Flow(Copied, om.ExplicitComponent):
     ``Cp``            output  (n_wall,)          pressure coefficients at ``wall_nodes``; discrete, without derivatives
     ================  ======  ==========  =====  =======================================================================
 
-    A mesh of two dimensions is solved as one: coefficients are of a unit of span, and the nodes of its first plane
-    count. Of a node that blocks share, the first row in the grid counts for all. The first flow is checked: forces have
-    to be those of SU2's own pressures on the walls, at the reference values and axes that are given.
+    A two-dimensional mesh is solved in two dimensions: coefficients are per unit span, and the nodes of its first plane
+    count. For a node that blocks share, the first row in the grid counts for all. The first flow is checked: forces
+    must agree with SU2's own pressures on the walls, at the given reference values and axes.
 
-    A flow starts from the last one in its folder. Where it fails, does not converge or takes too long, the run raises
+    A flow starts from the last one in its folder. If it fails, does not converge or takes too long, the run raises
     ``om.AnalysisError`` with the last lines of SU2's log, so that a driver takes a smaller step.
 
     Options
     -------
     model : FittedModel or MeshModel
-        The fitted grid, with its patches, or a mesh without structure.
+        The fitted grid, with its patches, or an unstructured mesh.
     reference_area : float
-        Of what the grid shows (m^2): of the half wing, if it shows one half; chord times 1 m of two dimensions.
+        Area of the modelled part (m^2): of the half wing, if the grid contains one half; chord times 1 m in two
+        dimensions.
     reference_chord : float
-        For moments (m).
+        Chord for moments (m).
     moment_reference : sequence of three float
-        Point that moments are about, in the axes of the grid (m).
+        Reference point of moments, in the axes of the grid (m).
     axes : str
-        Axes of the grid that point downstream, along the span, and up; in two dimensions the second is across the
+        Axes of the grid that point downstream, along the span, and up; in two dimensions the second is normal to the
         plane.
     config : path-like, optional
         Configuration of SU2: solver, turbulence, schemes and convergence. The keys that a run sets are replaced in a
-        copy, and named by the logger ``bspline_mdao``. By default the Euler equations by a scheme of Roe.
+        copy, and named by the logger ``bspline_mdao``. By default the Euler equations with a Roe scheme.
     case : path-like
         Folder of the runs, ``su2_case`` by default, which is kept: meshes, configurations, logs, results. Components
-        that run at once need one each.
+        that run at the same time need one each.
     n_processes : int
-        On which SU2 runs, by ``mpirun``.
+        Number of processes for SU2, by ``mpirun``.
     time_limit : float, optional
-        Of each run (s).
+        For each run (s).
     needs_convergence : bool
         Whether a run that reaches its last iteration counts as failed.
     warm_start : bool
         Whether a flow starts from the last one in the folder.
     program, adjoint_program : str
-        Names of the programs.
+        Names of the executables.
 
     Raises
     ------
     InputError
-        In ``setup``, if there is no reference area, the mesh has cells that SU2 does not know, or the configuration
+        In ``setup``, if there is no reference area, the mesh has cells that SU2 does not support, or the configuration
         does not fit; in the first run, if forces and pressures do not agree, or ``Mach_number`` is a design variable
-        where the configuration ties other properties of the stream to it; its derivatives are NaN then.
+        but the configuration ties other properties of the stream to it; its derivatives are NaN then.
     om.AnalysisError
         In a run, if SU2 is missing or fails.
 
@@ -158,7 +159,7 @@ class Su2Flow(Copied, om.ExplicitComponent):
         self.options.declare("adjoint_program", types=str, default="SU2_CFD_AD", desc="name of that of the adjoint")
 
     def setup(self) -> None:
-        """Take the mesh, look at the configuration, and declare the variables."""
+        """Take the mesh, check the configuration, and declare the variables."""
         if self.comm.size > 1:
             raise InputError(f"{self.msginfo}: runs on one process of OpenMDAO; give n_processes to SU2 itself")
         options, model = self.options, self.options["model"]
@@ -198,7 +199,7 @@ class Su2Flow(Copied, om.ExplicitComponent):
         discrete_outputs["Cp"] = surface.column("Pressure_Coefficient")[at]
 
     def compute_jacvec_product(self, inputs: Vector, d_inputs: Vector, d_outputs: Vector, mode: str) -> None:
-        """Apply the Jacobian or its transpose, by the adjoints that it takes."""
+        """Apply the Jacobian or its transpose, by the required adjoints."""
         refuse_complex_step(self)
         if not any(name in d_inputs for name in INPUTS):
             return
@@ -211,7 +212,7 @@ class Su2Flow(Copied, om.ExplicitComponent):
         if mode == "fwd":
             for name, entry, part in parts:
                 for each, bar in self._bars(inputs, part).items():
-                    if each in d_inputs and d_inputs[each].any():  # of the others it may be NaN
+                    if each in d_inputs and d_inputs[each].any():  # the others may be NaN
                         d_outputs[name][entry] += np.vdot(bar, d_inputs[each])
             return
         seeded = _Part.sum_of([(d_outputs[name][entry], part) for name, entry, part in parts])
@@ -219,7 +220,7 @@ class Su2Flow(Copied, om.ExplicitComponent):
             add_bar(d_inputs, name, bar)
 
     def _parts(self, inputs: Vector) -> dict[str, list[_Part]]:
-        """What every entry of every output is made of."""
+        """The parts of every entry of every output."""
         frame, values = self._frame, self._solution_at(inputs).values
         weights, by_alpha = frame.lift_and_drag(inputs["alpha"].item())
         forces = np.array([values[f"CF{key[-1].lower()}"] for key in frame.force_keys])
@@ -256,7 +257,7 @@ class Su2Flow(Copied, om.ExplicitComponent):
             return self._solution.at([nodes, *arrays], self._solve)
 
     def _solve(self, nodes: np.ndarray, alpha: np.ndarray, mach: np.ndarray) -> Su2Solution:
-        """Run SU2, and look at what comes out of its first run."""
+        """Run SU2, and check the results of its first run."""
         on_file = nodes[self._flown.rows]
         solution = self._case.solve(on_file, Su2Point(float(mach[0]), float(alpha[0])))
         if not self._is_looked_at:
@@ -284,7 +285,7 @@ class Su2Flow(Copied, om.ExplicitComponent):
         return Su2Point(inputs["Mach_number"].item(), inputs["alpha"].item())
 
     def _of_case(self) -> Su2Case:
-        """The case that the options describe."""
+        """The case for the options."""
         options, walls = self.options, f"( {', '.join(self._flown.walls)} )"
         about = np.asarray(options["moment_reference"], dtype=float)
         settings: dict[str, object] = {
@@ -295,7 +296,7 @@ class Su2Flow(Copied, om.ExplicitComponent):
         if "MARKER_MONITORING" not in self._config.values:
             settings["MARKER_MONITORING"] = walls
         return Su2Case(
-            Path(options["case"]).absolute(),  # the same where the process goes elsewhere
+            Path(options["case"]).absolute(),  # the same if the process changes its working directory
             self._config,
             Su2Mesh.of(self._flown, self._frame),
             settings,
@@ -313,7 +314,7 @@ INPUTS = (GRID, "alpha", "Mach_number")
 
 @dataclass(frozen=True)
 class _Part:
-    """Forces and moments of SU2 that make up an output, and what it owes the angle of attack besides the flow."""
+    """Forces and moments of SU2 that make up an output, and its explicit dependence on the angle of attack."""
 
     weights: dict[str, float]  # by names of objectives
     by_alpha: float  # 1/deg

@@ -26,19 +26,19 @@ from .residual_log import ResidualLog
 __all__ = ["TrimmedState"]
 
 FIRST_TOLERANCE, CLOSER = 1e-3, 1e-3
-"""Residual to which the flow is solved before the angle is first changed, and that of later flows relative to the
-error of the lift that was left."""
+"""Residual to which the flow is solved before the angle is first changed, and the residual of later flows relative to
+the remaining error of the lift."""
 
 SENSITIVITY_TOLERANCE = 1e-2
-"""Of the linear system that tells how the states change with the angle."""
+"""Tolerance of the linear system for the change of the states with the angle."""
 
 LARGEST_CHANGE, LARGEST_ANGLE, LARGEST_FALL = 5.0, 25.0, 0.5
-"""Bounds of a change of the angle and of the angle itself (deg), and of the relative fall of densities and pressures
-with a change."""
+"""Bounds of a change of the angle and of the angle itself (deg), and of the relative decrease of densities and
+pressures in a change."""
 
 SLOW, UNSURE, MAX_CHANGES = 0.2, 100.0, 20
-"""Part of the error of the lift that a change may leave before the states' change with the angle is found anew, the
-error of the lift by the residual of the flow that says nothing about it, and the most changes."""
+"""Fraction of the error of the lift that a change may leave before the sensitivity to the angle is computed again; the
+lift error relative to the flow's residual below which it has no meaning; and the largest number of changes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +62,11 @@ class TrimmedState(EulerState):
     ``alpha``        output  (1,)          deg    angle of attack; its residual is the lift coefficient less that one
     ===============  ======  ============  =====  ======================================================================
 
-    A run solves for the states at the angle that is there, roughly at first. Each time the angle and with it the
-    states are changed by what the lift lacks, as the linearized flow changes with the angle; that costs one linear
-    system, and is kept for later changes and runs while these bring the lift near enough. Each flow is solved the
-    more tightly the less is lacking. The derivatives are those of states and angle together: a row and a column more
-    than the Jacobian of the states, and a linear system more, once for all gradients of a design.
+    A run solves for the states at the current angle, roughly at first. Then the angle and the states are changed
+    according to the error of the lift, using the sensitivity of the linearized flow to the angle. This costs one linear
+    system, which is kept for later changes and runs while it is accurate enough. The smaller the error, the more
+    tightly each flow is solved. The derivatives are of states and angle together: with one more row and column than the
+    Jacobian of the states, and one more linear system, once for all gradients of a design.
 
     Options
     -------
@@ -76,14 +76,14 @@ class TrimmedState(EulerState):
     Raises
     ------
     om.AnalysisError
-        As `EulerState`; also in a run if the lift is out of reach: at an angle beyond 25 degrees, or it no longer rises
-        with the angle.
+        As in `EulerState`; also in a run if the lift is out of reach: at an angle beyond 25 degrees, or if it no longer
+        rises with the angle.
     """
 
     _borders: dict[str, Any]
 
     def solve_nonlinear(self, inputs: Vector, outputs: Vector) -> None:
-        """Solve for states and angle, from those that are there."""
+        """Solve for states and angle, from the current ones."""
         self._log = ResidualLog(self.pathname, self.options["forces"], self.comm, shows_alpha=True)
         finite_values(inputs["CL_target"], "CL_target", self.msginfo)
         self._return_to_anchor(_merged(inputs, outputs), outputs)
@@ -97,12 +97,12 @@ class TrimmedState(EulerState):
         self._warn_of(self._solution)
 
     def apply_nonlinear(self, inputs: Vector, outputs: Vector, residuals: Vector) -> None:
-        """Sum what flows out of every cell, and compare the lift."""
+        """Sum the outflow of every cell, and compare the lift."""
         super().apply_nonlinear(_merged(inputs, outputs), outputs, residuals)
         residuals["alpha"] = self._lift(inputs, outputs) - inputs["CL_target"]
 
     def linearize(self, inputs: Vector, outputs: Vector, jacobian: Jacobian) -> None:
-        """Refuse states that are no solution, and differentiate the residual."""
+        """Refuse states that are not a solution, and differentiate the residual."""
         super().linearize(_merged(inputs, outputs), outputs, jacobian)
 
     def apply_linear(
@@ -130,8 +130,8 @@ class TrimmedState(EulerState):
     def solve_linear(self, d_outputs: Vector, d_residuals: Vector, mode: str) -> None:
         """Solve with the Jacobian of both residuals, or with its transpose: the adjoint at a given lift."""
         # With A the Jacobian of the states, its column r for the angle, and the row l of the lift with its end s, the
-        # solution is that of A for the right-hand side, less what the angle, ``(c - l.y) / (s - l.z)``, takes away: ``A
-        # z = r`` is solved once a design. The transpose has rows for columns.
+        # solution is A's for the right-hand side minus the effect of the angle, ``(c - l.y) / (s - l.z)``: ``A z = r``
+        # is solved once per design. The transpose has rows for columns.
         with self._unscaled_context(outputs=[self._outputs]):
             at, outputs = _merged(self._inputs, self._outputs), self._outputs
             tangent = self._tangent_at_solution(at, outputs)
@@ -176,7 +176,7 @@ class TrimmedState(EulerState):
             if tolerance <= final and abs(lack) <= final:
                 break
             if self._sensitivity is None or abs(lack) > max(SLOW * before, UNSURE * tolerance):
-                self._sensitivity = None  # it makes room for the next
+                self._sensitivity = None  # free memory for the next
                 self._sensitivity = self._sensitivity_at(inputs, outputs)
             self._change(outputs, self._sensitivity, lack, target)
             tolerance, before = max(final, min(tolerance, CLOSER * abs(lack))), abs(lack)
@@ -186,22 +186,22 @@ class TrimmedState(EulerState):
                     f"{self.msginfo}: the lift coefficient is {lack:.1e} away from CL_target after {MAX_CHANGES} "
                     f"changes of alpha; the flow may not be steady there, take a smaller CL_target"
                 )
-        self._tangent = None  # that of an angle on the way
+        self._tangent = None  # it belongs to an intermediate angle
         self._solution = self._converged = replace(self._solution, history=history)
 
     def _sensitivity_at(self, inputs: Vector, outputs: Vector) -> _Sensitivity:
-        """How states and lift change with the angle."""
+        """Sensitivity of states and lift to the angle."""
         at = _merged(inputs, outputs)
         tangent = self._tangent_at(at, outputs)
         d_stream, linearization = self._stream_partials(at)["alpha"], tangent.linearization
-        uniform = self._discretization.uniform(d_stream)  # the wide cells of the far field want no more than this
+        uniform = self._discretization.uniform(d_stream)  # sufficient for the wide cells of the far field
         rest = linearization.stream_jvp(d_stream) + linearization.state_jvp(uniform)
         states = uniform - self._solved(tangent, rest, "fwd", SENSITIVITY_TOLERANCE)
         one = {"alpha": np.ones(1)}
         return _Sensitivity(states, self._lift_jvp(at, outputs, one, {"states": states}))
 
     def _change(self, outputs: Vector, sensitivity: _Sensitivity, lack: float, target: float) -> None:
-        """Change the angle, and the states with it, by what the lift lacks."""
+        """Change the angle, and the states with it, according to the error of the lift."""
         alpha, slope, states = outputs["alpha"].item(), sensitivity.lift, outputs["states"].reshape(-1, N_STATES)
         change = float(np.clip(lack / slope, -LARGEST_CHANGE, LARGEST_CHANGE)) if slope > 0.0 else np.inf
         if not abs(alpha + change) <= LARGEST_ANGLE:
@@ -240,7 +240,7 @@ class TrimmedState(EulerState):
 
 
 def _merged(inputs: Vector, outputs: Vector) -> Mapping[str, np.ndarray]:
-    """Inputs of `EulerState`, of which the angle is an output here."""
+    """Inputs as in `EulerState`, with the angle, which is an output here."""
     return {GRID: inputs[GRID], "alpha": outputs["alpha"], "Mach_number": inputs["Mach_number"]}
 
 

@@ -26,7 +26,7 @@ STREAM = [("v", "velocity"), ("rho", "density")]
 """OpenAeroStruct's names of the stream and ours."""
 
 _WING = "wing"
-"""Name that OpenAeroStruct's components give the wing."""
+"""Name of the wing in OpenAeroStruct's components."""
 
 _DEFAULTS = {
     "alpha": (2.0, "deg"),
@@ -35,7 +35,7 @@ _DEFAULTS = {
     "density": (1.225, "kg/m**3"),
     "moment_reference": (np.zeros(3), "m"),
 }
-"""Values and units of the inputs of the flight."""
+"""Values and units of the flight conditions."""
 
 
 class VortexLattice(Copied, om.Group):
@@ -66,19 +66,19 @@ class VortexLattice(Copied, om.Group):
     n_chord, n_span : int
         Nodes of the lattice.
     symmetry : bool
-        The lattice is the left half of a wing that is symmetric about y = 0.
+        Whether the lattice is the left half of a wing that is symmetric about y = 0.
     reference_area : float, optional
-        Of the whole wing (m^2), fixed; that of the lattice by default.
+        Fixed area of the whole wing (m^2); by default the lattice's.
 
     Raises
     ------
     InputError
-        In ``setup``, if OpenAeroStruct is not there.
+        In ``setup``, if OpenAeroStruct is not installed.
 
     Notes
     -----
-    Optimise with ``CL`` and ``CD``. The forces on the bound vortices leave out those on the chordwise ones, which an
-    optimiser with free twist at every station learns to make use of: their drag falls far below Munk's least one.
+    Optimise with ``CL`` and ``CD``. The forces on the bound vortices omit those on the chordwise ones, which an
+    optimiser with free twist at every station exploits: their drag falls far below Munk's minimum.
 
     Examples
     --------
@@ -112,7 +112,7 @@ class VortexLattice(Copied, om.Group):
 
     @fails_together
     def setup(self) -> None:
-        """Add OpenAeroStruct's components and those of the wake."""
+        """Add OpenAeroStruct's components and the components of the wake."""
         sizes = {name: self.options[name] for name in ("n_chord", "n_span", "symmetry")}
         surface = lattice_surface(**sizes)
         self.add_subsystem(
@@ -136,7 +136,7 @@ class VortexLattice(Copied, om.Group):
         return "S_ref" if self.options["reference_area"] is None else "S_mesh"
 
     def _add_panel_forces(self, surface: dict[str, Any]) -> None:
-        """From the forces on the panels to their coefficients."""
+        """Add the path from the forces on the panels to their coefficients."""
         lift_drag = openaerostruct("aerodynamics.lift_drag").LiftDrag(surface=surface)
         self.add_subsystem("forces", lift_drag, promotes_inputs=["alpha"])
         self.add_subsystem(
@@ -150,7 +150,7 @@ class VortexLattice(Copied, om.Group):
             self.connect(f"forces.{name}", f"coefficients.{name}")
 
     def _add_moment(self, surface: dict[str, Any]) -> None:
-        """From the forces on the panels to the coefficients of their moments."""
+        """Add the path from the forces on the panels to the coefficients of their moments."""
         areas = [("S_ref_total", "S_ref"), ("wing_S_ref", self._mesh_area)]
         self.add_subsystem(
             "moment",
@@ -187,12 +187,12 @@ class LatticeStates(Copied, om.Group):
     n_chord, n_span : int
         Nodes of the lattice.
     symmetry : bool
-        The lattice is the left half of a wing that is symmetric about y = 0.
+        Whether the lattice is the left half of a wing that is symmetric about y = 0.
 
     Raises
     ------
     InputError
-        In ``setup``, if OpenAeroStruct is not there.
+        In ``setup``, if OpenAeroStruct is not installed.
     """
 
     def initialize(self) -> None:
@@ -244,7 +244,7 @@ class WakeForces(Copied, om.ExplicitComponent):
     n_chord, n_span : int
         Nodes of the lattice.
     symmetry : bool
-        The lattice is one half of the wing.
+        Whether the lattice is one half of the wing.
     """
 
     is_linear = False
@@ -271,7 +271,7 @@ class WakeForces(Copied, om.ExplicitComponent):
 
     @fails_together
     def setup_partials(self) -> None:
-        """Declare what may differ from zero: the last row of nodes and of rings."""
+        """Declare nonzero partials: the last row of nodes and of rings."""
         n_chord, n_span = self.options["n_chord"], self.options["n_span"]
         nodes = np.arange((n_chord - 1) * n_span * 3, n_chord * n_span * 3)
         strips = np.arange(n_span - 1)
@@ -281,7 +281,7 @@ class WakeForces(Copied, om.ExplicitComponent):
         self.declare_partials(["CL", "CD"], "circulations", rows=np.zeros_like(rings), cols=rings)
         self.declare_partials("span_load", "circulations", rows=strips, cols=rings)
         self.declare_partials("span_load", ["Mach_number", "velocity"], rows=strips, cols=np.zeros_like(strips))
-        self.declare_partials("CD", "alpha")  # the lift is seen across the span alone, which alpha does not change
+        self.declare_partials("CD", "alpha")  # the lift is projected across the span only, which alpha does not change
         self.declare_partials(["CL", "CD"], ["Mach_number", "velocity", "S_ref"])
         self.set_check_partial_options("*", method="fd", form="central", step=SMOOTH_STEP)
 
@@ -315,7 +315,7 @@ class WakeForces(Copied, om.ExplicitComponent):
         bars: tuple[np.ndarray, np.ndarray],
         factor: np.ndarray,
     ) -> None:
-        """Differentiate a coefficient whose force goes with a power of the circulations, and its factor."""
+        """Differentiate a coefficient whose force scales with a power of the circulations, and its factor."""
         points_bar, circulations_bar = bars
         partials[name, "camber_surface"] = factor * (points_bar @ self._turn(inputs)).ravel()
         partials[name, "circulations"] = factor * self._circulation_per_ring(inputs) * circulations_bar
@@ -331,17 +331,17 @@ class WakeForces(Copied, om.ExplicitComponent):
 
     @staticmethod
     def _circulation_per_ring(inputs: Vector) -> np.ndarray:
-        """Circulation in physical space divided by that of a ring, which is negative where it lifts."""
+        """Circulation in physical space divided by a ring's, which is negative if it lifts."""
         return -1.0 / (1.0 - inputs["Mach_number"] ** 2)
 
     @staticmethod
     def _relative_mach_slope(inputs: Vector) -> np.ndarray:
-        """Relative change of the circulations with the Mach number, the rings being fixed."""
+        """Relative change of the circulations with the Mach number at fixed rings."""
         return 2.0 * inputs["Mach_number"] / (1.0 - inputs["Mach_number"] ** 2)
 
     @staticmethod
     def _alpha_bar(inputs: Vector, points_bar: np.ndarray) -> np.ndarray:
-        """Derivative with respect to alpha (1/deg), from those with respect to the trace."""
+        """Derivative with respect to alpha (1/deg), from derivatives with respect to the trace."""
         alpha, trailing = np.radians(inputs["alpha"][0]), inputs["camber_surface"][-1]
         return np.radians(points_bar[:, 1] @ -(np.cos(alpha) * trailing[:, 0] + np.sin(alpha) * trailing[:, 2]))
 
@@ -354,7 +354,7 @@ class WakeForces(Copied, om.ExplicitComponent):
 
 
 def openaerostruct(module: str) -> ModuleType:
-    """Import a module of OpenAeroStruct, which is wanted by flow components alone."""
+    """Import a module of OpenAeroStruct, which only flow components need."""
     return library(f"openaerostruct.{module}", "the vortex lattice needs OpenAeroStruct", "vlm")
 
 

@@ -1,17 +1,17 @@
 """Derivatives of forces by the points of walls, from OpenFOAM's continuous adjoint (``adjointOptimisationFoam``).
 
-The adjoint equations are solved on the mesh of a flow that is solved already, one solution for each function: in a
-folder of its own in the case, from the fields of the flow. Where the flow has Spalart and Allmaras's model, so has the
-adjoint: turbulence is not frozen, and the adjoint of the distance to the walls is solved with it.
+The adjoint equations are solved on the mesh of a solved flow, one solution for each function: in a folder of its own in
+the case, from the fields of the flow. If the flow uses the Spalart-Allmaras model, so does the adjoint: turbulence is
+not frozen, and the adjoint of the distance to the walls is solved as well.
 
-The derivatives are those of the sensitivity map ``surfacePoints``: for every point of a wall a vector, by the enhanced
-surface integrals, which have the adjoint of a Laplacian that would move the mesh. They belong to the shape of the
-walls, so that points within have none. They are derivatives of the equations and not of the scheme: finer meshes bring
-both together where walls are smooth, but not at sharp trailing edges, nor for a body that moves as a whole. How far off
-they are: ``docs/howto/openfoam_flow.rst``.
+The derivatives are the sensitivity map ``surfacePoints``: a vector for every point of a wall, by the enhanced surface
+integrals, which include the adjoint of a Laplacian that would move the mesh. They belong to the shape of the walls, so
+inner points have none. They are derivatives of the equations and not of the scheme: on finer meshes both converge where
+walls are smooth, but not at sharp trailing edges, nor for a body that moves as a whole. For their accuracy see
+``docs/howto/openfoam_flow.rst``.
 
-The derivative by the velocity of the free stream is that of the fluxes through the faces of the far field where the
-flow comes in, between adjoint pressure and velocity in the cells behind them. Friction there is left out.
+The derivative by the velocity of the free stream is computed from the fluxes through the inflow faces of the far field,
+with adjoint pressure and velocity in the cells behind them. Friction there is left out.
 
 References
 ----------
@@ -70,7 +70,7 @@ CONDITIONS = {
 """Conditions of the adjoint fields on walls and openings."""
 
 UNITS = {"Ua": "[0 1 -1 0 0 0 0]", "pa": "[0 2 -2 0 0 0 0]", "nuaTilda": "[0 0 -1 0 0 0 0]"}
-"""Of the adjoint fields, as OpenFOAM has them."""
+"""Units of the adjoint fields, as OpenFOAM writes them."""
 
 _TYPES = re.compile(r"([^\s{}()]+)\s*\{[^}]*?\btype\s+(\w+)\s*;")
 _MODEL = re.compile(r"\b(?:RASModel|model)\s+(\w+)\s*;")
@@ -80,14 +80,7 @@ _ENDED = re.compile(r"^(primal|adjoint) solution converged in (\d+) iterations",
 
 @dataclass(frozen=True, eq=False)
 class FlowFunction(OneLine):
-    """A function of a flow that OpenFOAM has an adjoint of.
-
-    Parameters
-    ----------
-    name : str
-        Its name, also that of the folder in the case.
-    entry : str
-        Its entry in ``objectiveNames`` of OpenFOAM's ``optimisationDict``, without weight.
+    """A function of a flow with an adjoint in OpenFOAM: its name, also of its folder, and entry in ``objectiveNames``.
 
     Examples
     --------
@@ -105,7 +98,7 @@ class FlowFunction(OneLine):
 
     @classmethod
     def force(cls, name: str, walls: Sequence[str], direction: ArrayLike, speed: float, area: float) -> FlowFunction:
-        """Force on walls along a direction, by the dynamic pressure and an area (m^2)."""
+        """Force on walls along a direction, divided by the dynamic pressure and an area (m^2)."""
         words = f"direction {_words(direction)}; Aref {float(area)!r}; rhoInf 1; UInf {float(speed)!r};"
         return cls(name, f"type force; patches ({' '.join(walls)}); {words}")
 
@@ -118,7 +111,7 @@ class FlowFunction(OneLine):
         speed: float,
         references: tuple[float, float, ArrayLike],  # area (m^2), chord (m) and point (m)
     ) -> FlowFunction:
-        """Moment on walls about an axis through a point, by the dynamic pressure, an area and a chord."""
+        """Moment on walls about an axis through a point, divided by the dynamic pressure, an area and a chord."""
         area, chord, point = references
         words = (
             f"direction {_words(axis)}; rotationCenter {_words(point)}; Aref {float(area)!r}; lRef {float(chord)!r}; "
@@ -128,7 +121,7 @@ class FlowFunction(OneLine):
 
     @classmethod
     def pressure_losses(cls, name: str, openings: Sequence[str]) -> FlowFunction:
-        """Total pressure that is lost between openings, by the flux through them: what OpenFOAM calls ``PtLosses``."""
+        """Loss of total pressure between openings, weighted by the flux through them: OpenFOAM's ``PtLosses``."""
         return cls(name, f"type PtLosses; patches ({' '.join(openings)});")
 
 
@@ -136,23 +129,23 @@ class FlowFunction(OneLine):
 class AdjointSolution(OneLine):
     """A function of a flow, and its derivatives."""
 
-    value: float  # of the function, as OpenFOAM finds it
-    gradient: np.ndarray  # (n_points, 3), by the points of the case (1/m); zero for those that are on no wall
+    value: float  # of the function, from OpenFOAM
+    gradient: np.ndarray  # (n_points, 3), by the points of the case (1/m); zero for points that are on no wall
     by_velocity: np.ndarray  # (3,), by the velocity of the free stream (s/m); zero without far field
-    n_flow: int  # iterations that the flow took to converge once more
-    n_adjoint: int  # those of the adjoint
+    n_flow: int  # iterations for the flow to converge again
+    n_adjoint: int  # iterations of the adjoint
 
 
 @dataclass(frozen=True, eq=False)
 class AdjointRun(OneLine):
-    """How adjoints of a flow are solved."""
+    """Settings for adjoints of a flow."""
 
     walls: Sequence[str]  # patches whose points have derivatives
-    openings: Mapping[str, Opening]  # what the other patches are that are neither walls nor planes
-    tolerance: float = 1e-6  # of the initial residuals of flow and adjoint
+    openings: Mapping[str, Opening]  # roles of the other patches that are neither walls nor planes
+    tolerance: float = 1e-6  # for the initial residuals of flow and adjoint
     max_iterations: int = 5000  # of each of them
     time_limit: float | None = None  # s
-    slices: tuple[int, int, int] = (1, 1, 1)  # that cells are cut into, one for each process
+    slices: tuple[int, int, int] = (1, 1, 1)  # number of parts of cells along x, y and z, one part per process
 
     def solve(
         self,
@@ -160,17 +153,10 @@ class AdjointRun(OneLine):
         time: Path,  # folder of the time of its solution
         function: FlowFunction,
     ) -> AdjointSolution:
-        """Solve the adjoint of one function.
+        """Solve the adjoint of one function, from the last adjoint in the same case if it has as many cells.
 
-        The adjoint begins with that of the last solution in the same case, if there is one of as many cells.
-
-        Raises
-        ------
-        InputError
-            If a patch of the case is neither wall nor plane nor among the openings, or the model of turbulence has no
-            adjoint.
-        SolverError
-            If OpenFOAM is missing, fails, or does not converge.
+        Raises `InputError` if a patch of the case is neither wall nor plane nor among the openings, or the turbulence
+        model has no adjoint; `SolverError` if OpenFOAM is missing, fails, or does not converge.
         """
         folder = CaseFolder(case / f"adjoint_{function.name}")
         with folder.locked():
@@ -219,7 +205,7 @@ class AdjointRun(OneLine):
             (place / name).write_text(head + text + "\n")
 
     def _model(self, case: Path) -> str:
-        """Model of turbulence of a case, or ``laminar``."""
+        """Turbulence model of a case, or ``laminar``."""
         text = (case / "constant" / "turbulenceProperties").read_text()
         if re.search(r"simulationType\s+laminar\s*;", text):
             return "laminar"
@@ -248,7 +234,7 @@ class AdjointRun(OneLine):
         return _head(kind, name) + body
 
     def _read(self, folder: CaseFolder, log: str) -> AdjointSolution:
-        """Take what OpenFOAM found."""
+        """Read the results of OpenFOAM."""
         ended = {name: int(n) for name, n in _ENDED.findall(log)}
         for name, what in (("primal", "flow"), ("adjoint", "adjoint")):
             if name not in ended:
@@ -275,7 +261,7 @@ class AdjointRun(OneLine):
         pa, Ua, U = (
             WrittenField.read(folder.last, name).internal(far.n_cells)[far.cells] for name in ("pa", "Ua", "U")
         )
-        flux = np.minimum(np.sum(U * areas, axis=1), 0.0)  # of what comes in
+        flux = np.minimum(np.sum(U * areas, axis=1), 0.0)  # inflow only
         comes_in = flux < 0.0
         return np.sum(flux[:, None] * Ua, axis=0) - pa[comes_in] @ areas[comes_in]
 
@@ -286,12 +272,12 @@ def _has(folder: CaseFolder, name: str) -> bool:
 
 
 def _words(vector: ArrayLike) -> str:
-    """Three numbers as OpenFOAM reads them."""
+    """Three numbers in OpenFOAM's syntax."""
     return f"({' '.join(map(repr, np.asarray(vector, dtype=float).tolist()))})"
 
 
 def _head(kind: str, name: str) -> str:
-    """Head of a file."""
+    """Header of a file."""
     return f"FoamFile {{ version 2.0; format ascii; class {kind}; object {name}; }}\n"
 
 
@@ -310,7 +296,7 @@ divSchemes
     div(-yPhi,da) Gauss linearUpwind grad(da);
 }
 """,
-    # the program relaxes the flow as SIMPLE has to be: with the factors of SIMPLEC it diverges
+    # the program needs relaxation as for SIMPLE: with the factors of SIMPLEC it diverges
     "fvSolution": """
 solvers
 {
@@ -324,7 +310,7 @@ relaxationFactors
     equations { U 0.7; nuTilda 0.5; Ua 0.7; nuaTilda 0.5; da 0.7; }
 }
 """,
-    # derivatives by points, not by areas, with the adjoint of the movement; and of the distance, where a model has one
+    # derivatives by points, not by areas, with the adjoint of the movement, and of the distance if a model uses one
     "optimisationDict": """
 optimisationManager singleRun;
 primalSolvers
@@ -364,4 +350,4 @@ optimisation
 }
 """,
 }
-"""What is read beside the schemes and solvers of the flow, which come first in their files: later entries win."""
+"""Additions to the schemes and solvers of the flow, which come first in their files: later entries win."""

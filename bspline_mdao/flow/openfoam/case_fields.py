@@ -1,4 +1,4 @@
-"""Fields that OpenFOAM wrote, in ASCII: their values in cells and on patches."""
+"""Fields written by OpenFOAM in ASCII: their values in cells and on patches."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _TYPE = re.compile(r"(?<![\w.])type\s+([^\s;]+)\s*;")
 _BRACKETS = str.maketrans("(){}", "    ")
 
 OF_CELLS = frozenset({"zeroGradient", "symmetry", "symmetryPlane", "slip", "empty"})
-"""Types of patches that write no values: those of a scalar there are those of the cells behind them."""
+"""Types of patches without values in the file: a scalar there equals its values in the cells behind them."""
 
 
 @dataclass(frozen=True)
@@ -42,20 +42,20 @@ class WrittenField:
 
     @property
     def internal_entry(self) -> str:
-        """Values in cells as they are written."""
+        """Values in cells as text."""
         return self._internal["entry"]
 
     def with_internal(self, entry: str) -> str:
-        """Text of the field with other values in cells, as they are written."""
+        """Text of the field with other values in cells, given as text."""
         start, end = self._internal.span("entry")
         return self.text[:start] + entry + self.text[end:]
 
     def internal(self, n_cells: int) -> np.ndarray:
-        """Values in cells, shape (n_cells,), or (n_cells, 3) of a vector."""
+        """Values in cells, shape (n_cells,), or (n_cells, 3) for a vector."""
         return self._values(self._internal, n_cells)
 
     def on_patch(self, name: str, cells: np.ndarray, n_cells: int) -> np.ndarray:
-        """Values on the faces of a patch, whose cells are given; shape as those in cells."""
+        """Values on the faces of a patch, whose cells are given; same number of components as in cells."""
         entry = self._entries.get(name)
         if entry is None:
             raise SolverError(
@@ -96,7 +96,7 @@ class WrittenField:
 
 
 def _dictionaries(text: str) -> Iterator[tuple[str, str]]:
-    """Names and contents of the dictionaries in one, behind its name."""
+    """Names and contents of the dictionaries in one, after its name."""
     depth, start, name = 0, 0, ""
     for brace in re.finditer(r"[{}]", text):
         depth += 1 if brace[0] == "{" else -1

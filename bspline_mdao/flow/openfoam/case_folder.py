@@ -1,7 +1,7 @@
-"""The folder of a case: one run at a time is in it, and the next one starts from the last solution.
+"""The folder of a case: one run at a time uses it, and the next one starts from the last solution.
 
-``solution`` in it has the fields of the last run that ended well; a run that fails leaves them, its own fields and its
-log where they are.
+Its subfolder ``solution`` has the fields of the last successful run; a run that fails leaves them, its own fields and
+its log in place.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ SOLUTION = "solution"
 """Folder in the case for the fields of the last solution."""
 
 MADE_FOR = "made_for"
-"""File there that says what the solution is of."""
+"""File there that identifies the solution's case."""
 
 DEALT_OUT = """FoamFile { version 2.0; format ascii; class dictionary; object decomposeParDict; }
 numberOfSubdomains %d; method simple; simpleCoeffs { n (%d %d %d); delta 0.001; }
 """
-"""How cells are dealt out to processes: in slices of as many cells each. Debian's package has no method but these."""
+"""Distribution of cells to processes: in slices of equal size. Debian's package has no other methods."""
 
 
 class CaseFolder:
-    """A folder with a case, which is made if need be."""
+    """A folder with a case, which is created if needed."""
 
     def __init__(self, path: str | os.PathLike):
         self.path = Path(path).absolute()
@@ -41,7 +41,7 @@ class CaseFolder:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other runs out while the block runs, and as long as a program that it began goes on."""
+        """Keep other runs out during the block, and as long as a program that it started runs."""
         with locked_case(self.path) as self._lock:
             try:
                 yield
@@ -51,10 +51,10 @@ class CaseFolder:
     def solve(
         self,
         program: str,
-        slices: tuple[int, int, int] = (1, 1, 1),  # that cells are cut into along x, y and z, one for each process
+        slices: tuple[int, int, int] = (1, 1, 1),  # number of slices of cells along x, y and z, one per process
         time_limit: float | None = None,  # s
     ) -> str:  # its log
-        """Run a solver from time 0, with the folder locked until it ends: its last time is in the folder then."""
+        """Run a solver from time 0, with the folder locked until it ends; its last time is then in the folder."""
         n_processes = math.prod(slices)
         if n_processes == 1:
             return self._run(program, time_limit=time_limit)
@@ -77,7 +77,7 @@ class CaseFolder:
 
     @property
     def times(self) -> list[Path]:
-        """Folders of the times that were written, but for 0, in their order."""
+        """Folders of the written times, except 0, in order."""
         found = [(_time_of(path), path) for path in self.path.iterdir() if path.is_dir()]
         return [path for time, path in sorted((time, path) for time, path in found if time)]
 
@@ -89,14 +89,14 @@ class CaseFolder:
         return self.times[-1]
 
     def remove_times(self, but: Iterable[Path] = ()) -> None:
-        """Remove the times, and what was written beside them, but for some."""
+        """Remove the times, and other output, except for some."""
         kept = set(but)
         for path in self.times:
             if path not in kept:
                 shutil.rmtree(path)
 
     def keep_solution(self, made_for: str) -> None:
-        """Take the last time for the solution to start from, which is of what ``made_for`` says."""
+        """Keep the last time as the solution to start from, labelled by ``made_for``."""
         new = self.path / f"{SOLUTION}.new"
         try:
             shutil.rmtree(new, ignore_errors=True)
@@ -108,9 +108,9 @@ class CaseFolder:
             raise disk_full("solution", self.path, error) from error
 
     def start_from_solution(self, made_for: str) -> bool:
-        """Put the values in cells of the last solution into the fields of time 0; False where there is none to take.
+        """Put the last solution's cell values into the fields of time 0; False if there is no usable one.
 
-        Boundary conditions stay those of time 0. Fluxes are made anew, since the mesh may have moved.
+        Boundary conditions stay those of time 0. Fluxes are computed again, since the mesh may have moved.
         """
         solution = self.path / SOLUTION
         if not (solution / MADE_FOR).is_file() or (solution / MADE_FOR).read_text() != made_for:
@@ -125,7 +125,7 @@ class CaseFolder:
 
 
 def _time_of(path: Path) -> float:
-    """Time that a folder is of; 0 for those that are of none."""
+    """Time of a folder; 0 if it is not a time."""
     try:
         return float(path.name)
     except ValueError:

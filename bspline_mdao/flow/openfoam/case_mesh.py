@@ -1,4 +1,4 @@
-"""The mesh of a case by the nodes of a model: blocks, a ``polyMesh`` as it was read, or any other mesh."""
+"""The mesh of a case for the nodes of a model: blocks, a ``polyMesh`` as it was read, or any other mesh."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from .wall_loads import CaseWalls
 __all__ = ["CaseMesh"]
 
 PLACE = f"constant/{POLYMESH}"
-"""Where the mesh of a case is."""
+"""Place of the mesh of a case."""
 
 
 @dataclass(frozen=True, eq=False)
 class CaseMesh(OneLine):
-    """What is written for the nodes of a model."""
+    """The mesh that is written for the nodes of a model."""
 
-    # the mesh on the baseline, in OpenFOAM's order; or the folder that it was read from, of which all but the points
+    # the mesh on the baseline, in OpenFOAM's order; or the folder from which it was read, of which all but the points
     # is copied
     faces: PolyMesh | PolyMeshFolder
-    cells: CellFaces | MixedMesh  # what judges its cells
+    cells: CellFaces | MixedMesh  # judges its cells
     boundary: tuple[BoundaryFaces, ...]  # the patches, with their names in OpenFOAM
     baseline: np.ndarray  # (n_nodes, 3), nodes of the model (m)
 
@@ -55,7 +55,7 @@ class CaseMesh(OneLine):
 
     @classmethod
     def _of_mesh(cls, model: MeshModel) -> CaseMesh:
-        """Find that of a mesh without structure."""
+        """Find the mesh for an unstructured mesh."""
         path = Path(model.mesh_file)
         if path.name == POLYMESH and path.is_dir():
             folder = read_polymesh(path)
@@ -73,7 +73,7 @@ class CaseMesh(OneLine):
 
     @property
     def digest(self) -> str:
-        """Digest of what its cells are joined like, which a solution has to fit."""
+        """Digest of the connectivity of its cells, which a solution must match."""
         if isinstance(self.faces, PolyMesh):
             parts = [self.faces.owner, self.faces.neighbour]
         else:
@@ -88,7 +88,7 @@ class CaseMesh(OneLine):
         return nodes[self.faces.rows] if isinstance(self.faces, PolyMesh) else nodes
 
     def write(self, case: Path, nodes: np.ndarray, planes: Planes) -> None:
-        """Write the mesh with other nodes, shape (n_nodes, 3); `MovementError` where cells are inside out."""
+        """Write the mesh with other nodes, shape (n_nodes, 3); `MovementError` if cells are inside out."""
         self._require_volumes(nodes)
         place = case / PLACE
         if isinstance(self.faces, PolyMesh):

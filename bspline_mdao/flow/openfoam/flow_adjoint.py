@@ -1,6 +1,6 @@
 """Derivatives of CL, CD and CM by the nodes of a model and the angle of attack, one adjoint solution for each.
 
-Those by the angle are of the velocity far from the body, and of the directions that lift and drag have.
+Derivatives by the angle include the velocity far from the body, and the directions of lift and drag.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["CoefficientGradient", "FlowAdjoint"]
 class CoefficientGradient(OneLine):
     """Derivatives of a coefficient."""
 
-    nodes: np.ndarray  # (n_nodes, 3), by the nodes of the model (1/m); zero for those that are on no wall
+    nodes: np.ndarray  # (n_nodes, 3), by the nodes of the model (1/m); zero for nodes that are on no wall
     alpha: float  # by the angle of attack (1/rad)
 
 
@@ -37,7 +37,7 @@ class FlowAdjoint(OneLine):
 
     @classmethod
     def of(cls, flow: CaseFlow) -> FlowAdjoint:
-        """Take what stands around the body for a far field; `InputError` if OpenFOAM has no adjoint of such a flow."""
+        """Take other boundaries around the body as far field; `InputError` if OpenFOAM has no adjoint of the flow."""
         if flow.case.speed_name != "speed" or not flow.case.is_viscous:
             raise InputError(
                 f"{flow.case.program}: OpenFOAM's adjoint is of incompressible flows with friction alone; take a case "

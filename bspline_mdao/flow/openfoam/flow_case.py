@@ -1,4 +1,4 @@
-"""What every case about a body has: a program, a free stream, and the files that are made of it."""
+"""Common parts of all cases about a body: a program, a free stream, and the files made from it."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from ...grids.io.openfoam import CaseField, Planes
 __all__ = ["CONTROL", "FlowCase", "FreeStream", "PerfectGas", "SpeedName"]
 
 SpeedName = Literal["Mach_number", "speed"]
-"""What the speed of a flow is given by: the Mach number, or m/s."""
+"""Input for the speed of a flow: the Mach number, or m/s."""
 
 
 @dataclass(frozen=True, eq=False)
 class FreeStream(OneLine):
-    """The flow far from the body, in the units of the fields: kinematic where the flow is incompressible."""
+    """The flow far from the body, in the units of the fields: kinematic for incompressible flow."""
 
     velocity: np.ndarray  # (3,), m/s
-    pressure: float  # as the field ``p`` has it: Pa, or m^2/s^2
+    pressure: float  # as in the field ``p``: Pa, or m^2/s^2
     dynamic_pressure: float  # in the same unit
 
     @property
@@ -31,7 +31,7 @@ class FreeStream(OneLine):
 
     @property
     def density(self) -> float:
-        """Density (kg/m^3); 1 where the fields are kinematic."""
+        """Density (kg/m^3); 1 if the fields are kinematic."""
         return 2.0 * self.dynamic_pressure / self.speed**2
 
 
@@ -45,7 +45,7 @@ class PerfectGas:
     temperature: float  # K
 
     def stream(self, direction: np.ndarray, mach: float) -> FreeStream:
-        """Free stream of a direction, a unit vector, and a Mach number."""
+        """Free stream for a direction, a unit vector, and a Mach number."""
         sound = np.sqrt(self.ratio * self.constant * self.temperature)
         dynamic_pressure = 0.5 * self.ratio * self.pressure * mach**2
         return FreeStream(mach * sound * np.asarray(direction), self.pressure, dynamic_pressure)
@@ -76,7 +76,7 @@ class FlowCase(Protocol):
 
     @property
     def speed_name(self) -> SpeedName:
-        """What its speed is given by."""
+        """Input for its speed."""
 
     @property
     def is_viscous(self) -> bool:
@@ -87,14 +87,14 @@ class FlowCase(Protocol):
         """Type of patches of kind symmetry."""
 
     def stream(self, direction: np.ndarray, speed: float) -> FreeStream:
-        """Free stream of a direction, a unit vector, and a Mach number or speed."""
+        """Free stream for a direction, a unit vector, and a Mach number or speed."""
 
     def files(self, stream: FreeStream) -> tuple[dict[str, CaseField], dict[str, str]]:
-        """Fields to start from, and settings by their places, see `write_case`."""
+        """Initial fields, and settings by place, see `write_case`."""
 
 
 CONTROL = """
 application %(program)s; startFrom startTime; startTime 0; stopAt endTime; endTime %(iterations)d; deltaT 1;
 writeControl timeStep; writeInterval %(iterations)d; writeFormat ascii; writePrecision 12; timePrecision 8;
 """
-"""Text of ``controlDict``, which program and iterations are put into."""
+"""Text of ``controlDict``, with placeholders for program and iterations."""

@@ -30,10 +30,10 @@ __all__ = ["CaseFlow", "CaseResult"]
 
 @dataclass(frozen=True, eq=False)
 class CaseResult(OneLine):
-    """What OpenFOAM found of a design."""
+    """Results of OpenFOAM for a design."""
 
     loads: WallLoads
-    y_plus: tuple[float, float]  # lowest and highest on walls; zeros where there is no friction
+    y_plus: tuple[float, float]  # lowest and highest on walls; zeros without friction
     convergence: Convergence
     seconds: float  # wall time of the solver
     doubts: list[str]  # what looks wrong in the references
@@ -41,17 +41,17 @@ class CaseResult(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class CaseFlow(OneLine):
-    """A flow in a folder of its own, for one design after the other."""
+    """A flow in a folder of its own, for one design after another."""
 
     case: FlowCase
     mesh: CaseMesh
     folder: CaseFolder
     axes: np.ndarray  # (3, 3), rows are the directions downstream, along the span, and up
-    references: tuple[float, float, Sequence[float]]  # area (m^2), chord (m) and point of the moments (m)
+    references: tuple[float, float, Sequence[float]]  # area (m^2), chord (m) and reference point of moments (m)
     time_limit: float | None = None  # of the solver (s)
-    # whether a solution that is not converged counts all the same; `SolverError` if not
+    # whether to accept a solution that is not converged; `SolverError` if not
     takes_unconverged: bool = False
-    n_processes: int = 1  # that the solver runs on
+    n_processes: int = 1  # for the solver
 
     def solve(
         self,
@@ -60,7 +60,7 @@ class CaseFlow(OneLine):
         speed: float,  # Mach number, or m/s
         is_kept: bool = True,  # whether the next design starts from this one
     ) -> CaseResult:
-        """Solve the flow about a design; `SolverError` or `MovementError` where that is not possible."""
+        """Solve the flow about a design; `SolverError` or `MovementError` if that is not possible."""
         directions, points = stream_axes(alpha, self.axes), self.mesh.points(nodes)
         stream = self.case.stream(directions[0], speed)
         with self.folder.locked():
@@ -94,17 +94,17 @@ class CaseFlow(OneLine):
 
     @cached_property
     def slices(self) -> tuple[int, int, int]:
-        """Slices along x, y and z that cells are cut into, one for each process, across the longest side of walls."""
+        """Slices of cells along x, y and z, one per process, across the longest side of walls."""
         longest = int(np.argmax(np.ptp(self.walls.points[self.walls.corners], axis=0)))
         return tuple(self.n_processes if axis == longest else 1 for axis in range(3))  # type: ignore[return-value]
 
     @cached_property
     def _made_for(self) -> str:
-        """What a solution has to be of for a run to start from it."""
+        """The conditions under which a run may start from a solution."""
         return f"{self.case.program} {self.mesh.digest}"
 
     def _write(self, nodes: np.ndarray, stream: FreeStream, directions: np.ndarray) -> None:
-        """Write the case of a design, after what the last run left."""
+        """Write the case of a design, starting from the last run's files."""
         fields, settings = self.case.files(stream)
         functions = functions_text(self.case, stream, self.mesh.walls, directions, self.axes, self.references)
         control = "system/controlDict"
@@ -116,12 +116,12 @@ class CaseFlow(OneLine):
                 shutil.rmtree(self.folder.path / name, ignore_errors=True)
             put_texts(self.folder.path, texts)
         except InputError as error:
-            if isinstance(error.__cause__, OSError):  # a disk that fills up fails a design, not the optimisation
+            if isinstance(error.__cause__, OSError):  # a full disk fails a design, not the optimisation
                 raise disk_full(self.case.program, self.folder.path, error.__cause__) from error
             raise
 
     def _converged(self, log: str) -> Convergence:
-        """How the solver converged; `SolverError` where that is not enough."""
+        """Convergence of the solver; `SolverError` if it is not sufficient."""
         found = Convergence.of(self.case.program, log)
         if found.is_converged or self.takes_unconverged:
             return found
@@ -138,6 +138,6 @@ class CaseFlow(OneLine):
         return float(values.min()), float(values.max())
 
     def _doubts(self, points: np.ndarray, direction: np.ndarray) -> list[str]:
-        """What looks wrong in axes and area."""
+        """Doubts about axes and area."""
         walls, planes = (replace(faces, points=points) for faces in (self.walls, self.planes))
         return doubts_about_axes_and_area(walls, planes, self.axes, direction, self.references[0])

@@ -1,10 +1,10 @@
-"""OpenFOAM's rhoSimpleFoam on the project's grids: what another code makes of the same cells.
+"""OpenFOAM's rhoSimpleFoam on the project's grids: the solution of another code on the same cells.
 
 The case is steady, compressible and inviscid (no viscosity, no conduction; perfect gas, ratio of heats 1.4): slip at
 walls, symmetry, ``freestreamPressure`` and ``freestreamVelocity`` on all other patches. Gradients are ``Gauss linear``,
 convection of momentum, enthalpy and kinetic energy is ``linearUpwind`` (second order), and SIMPLEC couples velocity and
-pressure, relaxed by 0.9. Pressure at a wall is that of the cell beside it (``zeroGradient``), and the forces are its
-integral. A run ends where the initial residuals of all equations are below `TOLERANCE`.
+pressure, relaxed by 0.9. The pressure at a wall equals that of the cell next to it (``zeroGradient``), and the forces
+are its integral. A run ends when the initial residuals of all equations are below `TOLERANCE`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from .solver_log import Convergence
 __all__ = ["Forces", "InviscidCase", "openfoam_forces"]
 
 TOLERANCE = 1e-6
-"""Of the initial residuals, as OpenFOAM scales them."""
+"""For the initial residuals, as OpenFOAM scales them."""
 
 GAS = PerfectGas(1.4, 8314.47 / 28.9, 1e5, 300.0)
 """Ratio of heats, gas constant (J/(kg K)), and free stream (Pa, K). Coefficients do not depend on the last three."""
@@ -42,7 +42,7 @@ GAS = PerfectGas(1.4, 8314.47 / 28.9, 1e5, 300.0)
 
 @dataclass(frozen=True, eq=False)
 class Forces(OneLine):
-    """What OpenFOAM finds."""
+    """Results of OpenFOAM."""
 
     # CL, CD: lift and drag coefficients
     CL: float
@@ -51,7 +51,7 @@ class Forces(OneLine):
     Cp: np.ndarray
     # dict of ndarray, shape (n_iterations,), initial residual of every equation over the iterations
     residuals: dict[str, np.ndarray]
-    is_converged: bool  # whether all of them came below the tolerance
+    is_converged: bool  # whether all of them fell below the tolerance
     seconds: float  # wall time of the solver
 
     @property
@@ -67,12 +67,12 @@ class InviscidCase(OneLine):
     Parameters
     ----------
     max_iterations : int
-        Iterations after which it ends all the same.
+        Iterations after which it ends in any case.
     tolerance : float
-        Of the initial residuals, as OpenFOAM scales them.
+        For the initial residuals, as OpenFOAM scales them.
     planes : {"symmetry", "symmetryPlane", "empty"}
-        OpenFOAM's type of the patches of kind symmetry. Sections, whose grid is one cell deep, need ``empty``: as
-        ``symmetry``, the velocity along the span is solved, too, and its residual never falls.
+        OpenFOAM's type of the patches of kind symmetry. Sections, whose grid is one cell deep, need ``empty``: with
+        ``symmetry``, the velocity along the span is also solved for, and its residual never falls.
 
     Examples
     --------
@@ -90,11 +90,11 @@ class InviscidCase(OneLine):
     is_viscous: ClassVar[bool] = False
 
     def stream(self, direction: np.ndarray, speed: float) -> FreeStream:
-        """Free stream of a direction, a unit vector, and a Mach number."""
+        """Free stream for a direction, a unit vector, and a Mach number."""
         return GAS.stream(direction, speed)
 
     def files(self, stream: FreeStream) -> tuple[dict[str, CaseField], dict[str, str]]:
-        """Fields to start from, and settings by their places."""
+        """Initial fields, and settings by place."""
         return _fields(stream, self.planes), _settings(self.max_iterations, self.tolerance)
 
 
@@ -112,22 +112,22 @@ def openfoam_forces(
     Parameters
     ----------
     topology : Topology
-        How the blocks of the grid are joined, with its patches.
+        The topology of the grid, with its patches.
     nodes : ndarray, shape (n_nodes, 3)
         Nodes of the grid (m).
     mach, alpha : float
         Mach number and angle of attack (deg).
     reference_area : float
-        Of the half that is in the grid, if it is a half (m^2).
+        Of the half in the grid, if it is a half (m^2).
     axes : str
         Axes of the grid that point downstream, along the span and up.
     max_iterations : int
-        Iterations after which it ends all the same.
+        Iterations after which it ends in any case.
 
     Returns
     -------
     Forces or None
-        None, after a line that says so, where OpenFOAM is not installed.
+        None, after a line that says so, if OpenFOAM is not installed.
 
     Raises
     ------
@@ -167,13 +167,13 @@ def openfoam_forces(
 
 
 def _settings(max_iterations: int, tolerance: float) -> dict[str, str]:
-    """Settings by their places."""
+    """Settings by place."""
     numbers = {"program": InviscidCase.program, "iterations": max_iterations, "tolerance": tolerance}
     return {name: text % numbers for name, text in SETTINGS.items()}
 
 
 def _fields(stream: FreeStream, planes: Planes) -> dict[str, CaseField]:
-    """Fields: slip at walls, the free stream on all patches that are no symmetry."""
+    """Fields: slip at walls, the free stream on all patches except symmetry."""
     velocity = stream.velocity.tolist()
     pressure, temperature, vector = (
         f"uniform {text}" for text in (GAS.pressure, GAS.temperature, f"({' '.join(map(str, velocity))})")
@@ -234,4 +234,4 @@ SIMPLE
 relaxationFactors { equations { U 0.9; h 0.9; } }
 """,
 }
-"""Files of settings by their names."""
+"""Files of settings by name."""

@@ -1,4 +1,4 @@
-"""Coefficients that OpenFOAM finds itself, by the references of the flow: what ours are compared with."""
+"""OpenFOAM's own coefficients, with the references of the flow: ours are compared with them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from .flow_case import FlowCase, FreeStream
 __all__ = ["functions_text", "pitch_axis", "printed_coefficients"]
 
 NAME = "bspline_mdao_forces"
-"""Of the function object."""
+"""Name of the function object."""
 
 COLUMNS = {"CL": "Cl", "CD": "Cd", "CM_pitch": "CmPitch"}
-"""What OpenFOAM calls lift, drag, and the moment about `pitch_axis`."""
+"""OpenFOAM's names of lift, drag, and the moment about `pitch_axis`."""
 
 
 def functions_text(
@@ -24,9 +24,9 @@ def functions_text(
     walls: Sequence[str],  # names of the patches
     directions: np.ndarray,  # (2, 3), drag and lift
     axes: np.ndarray,  # (3, 3), rows are the directions downstream, along the span, and up
-    references: tuple[float, float, Sequence[float]],  # area (m^2), chord (m) and point of the moments (m)
+    references: tuple[float, float, Sequence[float]],  # area (m^2), chord (m) and reference point of moments (m)
 ) -> str:
-    """Entries of ``system/controlDict`` for coefficients, and of viscous flows for friction and y+."""
+    """Entries of ``system/controlDict`` for coefficients, and for viscous flows for friction and y+."""
     area, chord, point = references
     drag, lift = map(_vector, directions)
     is_kinematic = case.speed_name == "speed"
@@ -47,12 +47,12 @@ def functions_text(
 
 
 def pitch_axis(axes: np.ndarray) -> np.ndarray:
-    """Direction that noses turn up about: OpenFOAM takes it from lift and drag, whatever is given."""
+    """Axis about which noses turn up: OpenFOAM derives it from lift and drag, whatever is given."""
     return np.cross(axes[2], axes[0])
 
 
 def printed_coefficients(case: Path) -> dict[str, float] | None:
-    """Coefficients that OpenFOAM wrote last; None where it wrote none."""
+    """Coefficients that OpenFOAM wrote last; None if it wrote none."""
     for file in sorted((case / "postProcessing" / NAME).glob("*/coefficient*.dat")):
         lines = file.read_text().splitlines()
         heads = [line.lstrip("# ").split() for line in lines if line.startswith("#")]
@@ -64,5 +64,5 @@ def printed_coefficients(case: Path) -> dict[str, float] | None:
 
 
 def _vector(values: Sequence[float] | np.ndarray) -> str:
-    """A vector in OpenFOAM's words."""
+    """A vector in OpenFOAM's syntax."""
     return f"({' '.join(repr(float(value)) for value in values)})"

@@ -1,6 +1,6 @@
-"""Programs of OpenFOAM, run in a case folder; whatever goes wrong is one `SolverError` that says what to do.
+"""Programs of OpenFOAM, run in a case folder; any failure is one `SolverError` that says what to do.
 
-What a program prints goes to the file ``log.<program>`` of the case while it runs, so that it can be followed there.
+The output of a program goes to the file ``log.<program>`` of the case while it runs, so it can be followed there.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from ..solver_process import disk_full, is_there, run_solver
 __all__ = ["disk_full", "is_there", "log_path", "run_program"]
 
 HOME = "/usr/share/openfoam"
-"""Where Debian puts what OpenFOAM looks for in ``WM_PROJECT_DIR``."""
+"""Debian's place for what OpenFOAM expects in ``WM_PROJECT_DIR``."""
 
 INSTALL = "install OpenFOAM (Debian: apt-get install openfoam), or source the etc/bashrc of the one you have"
 
 
 def log_path(program: str, case: Path) -> Path:
-    """Where a program's log is."""
+    """Path of a program's log."""
     return case / f"log.{program}"
 
 
@@ -29,10 +29,10 @@ def run_program(
     program: str,
     case: Path,
     *arguments: str,
-    n_processes: int = 1,  # that it runs on, by mpirun, where the case is dealt out to as many
+    n_processes: int = 1,  # number of processes, by mpirun, if the case is decomposed for as many
     time_limit: float | None = None,  # s
     inherited: Sequence[int] = (),  # open files that it keeps open until it ends, such as the lock of the case
-) -> str:  # what it printed
+) -> str:  # its output
     """Run a program on a case."""
     parallel = ["-parallel"] if n_processes > 1 else []
     return run_solver(
@@ -49,6 +49,6 @@ def run_program(
 
 
 def _reason(text: str) -> str | None:
-    """Say what OpenFOAM itself gives as the reason."""
+    """Return the reason that OpenFOAM itself gives."""
     message = re.search(r"FOAM FATAL (?:IO )?ERROR:?(.*?)(?:\n\s*From |\Z)", text, re.DOTALL)
     return f"{' '.join(message[1].split())}; see to the case or the mesh" if message else None

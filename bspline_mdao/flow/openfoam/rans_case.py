@@ -1,8 +1,8 @@
-"""RANS cases of OpenFOAM: fields to start from and settings of ``simpleFoam`` and ``rhoSimpleFoam``.
+"""RANS cases of OpenFOAM: initial fields and settings of ``simpleFoam`` and ``rhoSimpleFoam``.
 
-Convection of momentum and energy is ``linearUpwind`` and that of turbulence ``limitedLinear``, all else is central:
-second order throughout. SIMPLEC couples velocity and pressure. Turbulence is relaxed by 0.5: its production is explicit
-in OpenFOAM, and with 0.7 cells at walls swing between two values from one iteration to the next where y+ is 2 or more.
+Convection of momentum and energy is ``linearUpwind`` and of turbulence ``limitedLinear``, all else is central: second
+order throughout. SIMPLEC couples velocity and pressure. Turbulence is relaxed by 0.5: its production is explicit in
+OpenFOAM, and with 0.7 cells at walls oscillate between two values from one iteration to the next if y+ is 2 or more.
 
 References
 ----------
@@ -30,26 +30,26 @@ GAS = PerfectGas(1.4, 287.05, 101325.0, 288.15)
 """Ratio of heats, gas constant (J/(kg K)), and free stream (Pa, K) of compressible cases."""
 
 LOWEST, HIGHEST = GAS.temperature / 2.0, 2.0 * GAS.temperature
-"""Limits of temperatures (K), which are met in the first iterations alone."""
+"""Limits of temperatures (K), which are only reached in the first iterations."""
 
 PRANDTL = 0.72
 """Prandtl number of air."""
 
 FARFIELD_NU_TILDA = 3.0
-"""Variable of Spalart and Allmaras far from the body, by the viscosity: fully turbulent."""
+"""Spalart-Allmaras variable far from the body, relative to the viscosity: fully turbulent."""
 
 FARFIELD_ENERGY, FARFIELD_EDDIES = 4e-7, 0.009
-"""Of the SST model far from the body: k by the square of the speed, and eddy viscosity by the viscosity."""
+"""SST model far from the body: k relative to the square of the speed, eddy viscosity relative to the viscosity."""
 
 TURBULENCE_TOLERANCE = 10.0
-"""Of turbulence, by that of the flow: on an O-grid of 192 x 96 cells the limiter of its convection holds the residual
-at 2e-6, while that of pressure falls to 1e-9."""
+"""Tolerance of turbulence relative to the flow: on an O-grid of 192 x 96 cells the limiter of its convection holds the
+residual at 2e-6, while the residual of pressure falls to 1e-9."""
 
 Turbulence = Literal["SpalartAllmaras", "kOmegaSST"]
 WallTreatment = Literal["resolved", "functions"]
 
 TRANSPORTED: dict[str, tuple[str, ...]] = {"SpalartAllmaras": ("nuTilda",), "kOmegaSST": ("k", "omega")}
-"""What each model transports."""
+"""Variables that each model transports."""
 
 LENGTH_SQUARED_PER_TIME = "[0 2 -1 0 0 0 0]"
 
@@ -61,29 +61,29 @@ class RansCase(OneLine):
     Parameters
     ----------
     reynolds_number : float
-        Of the speed and of `length`; it stays where the speed changes.
+        By the speed and `length`; it stays fixed if the speed changes.
     length : float
-        Length that the Reynolds number is of (m): usually the chord.
+        Reference length of the Reynolds number (m): usually the chord.
     compressible : bool
-        False: ``simpleFoam``, whose speed is given in m/s. True: ``rhoSimpleFoam`` for a perfect gas of constant
-        viscosity, whose speed is given by the Mach number.
+        False: ``simpleFoam``, with the speed in m/s. True: ``rhoSimpleFoam`` for a perfect gas of constant viscosity,
+        with the speed given by the Mach number.
     turbulence : {"SpalartAllmaras", "kOmegaSST"}
-        Model of turbulence. The flow is turbulent everywhere.
+        Turbulence model. The flow is turbulent everywhere.
     walls : {"resolved", "functions"}
-        Boundary layers are resolved to the wall, for y+ of 1 or less, or begin with Spalding's law of the wall, for
-        y+ up to 300.
+        Boundary layers are resolved to the wall, for y+ of 1 or less, or start with Spalding's law of the wall, for y+
+        up to 300.
     planes : {"symmetry", "symmetryPlane", "empty"}
-        OpenFOAM's type of the patches of kind symmetry. Sections, whose grid is one cell deep, need ``empty``: as
-        ``symmetry``, the velocity along the span is solved, too, and its residual never falls.
+        OpenFOAM's type of the patches of kind symmetry. Sections, whose grid is one cell deep, need ``empty``: with
+        ``symmetry``, the velocity along the span is also solved for, and its residual never falls.
     max_iterations : int
-        Iterations after which it ends all the same.
+        Iterations after which it ends in any case.
     tolerance : float
-        Of the initial residuals, as OpenFOAM scales them; those of turbulence may be ten times as large.
+        For the initial residuals, as OpenFOAM scales them; those of turbulence may be ten times as large.
 
     Raises
     ------
     InputError
-        If a number is not positive, or a name is none of those above.
+        If a number is not positive, or a name is unknown.
 
     Examples
     --------
@@ -117,7 +117,7 @@ class RansCase(OneLine):
 
     @property
     def speed_name(self) -> SpeedName:
-        """What its speed is given by."""
+        """Input for its speed."""
         return "Mach_number" if self.compressible else "speed"
 
     @property
@@ -126,7 +126,7 @@ class RansCase(OneLine):
         return True
 
     def stream(self, direction: np.ndarray, speed: float) -> FreeStream:
-        """Free stream of a direction, a unit vector, and a speed (m/s), or a Mach number."""
+        """Free stream for a direction, a unit vector, and a speed (m/s), or a Mach number."""
         if not self.compressible:
             return FreeStream(speed * np.asarray(direction), 0.0, 0.5 * speed**2)
         return GAS.stream(direction, speed)
@@ -136,12 +136,12 @@ class RansCase(OneLine):
         return stream.speed * self.length / self.reynolds_number
 
     def expected_y_plus(self, heights: np.ndarray) -> np.ndarray:
-        """Estimate y+ of the middles of first cells, of some heights (m), by a flat plate of the case's length."""
+        """Estimate y+ at the centres of first cells, from their heights (m), by a flat plate of the case's length."""
         per_metre = self.reynolds_number / self.length
         return np.array([flat_plate_y_plus(0.5 * height, per_metre, self.length) for height in np.ravel(heights)])
 
     def files(self, stream: FreeStream) -> tuple[dict[str, CaseField], dict[str, str]]:
-        """Fields to start from, and settings by their places, see `write_case`."""
+        """Initial fields, and settings by place, see `write_case`."""
         field = _Conditions(self.planes).field
         fields = self._flow_fields(field, stream) | self._turbulence_fields(field, stream)
         return fields, self._settings(stream)
@@ -215,17 +215,17 @@ class RansCase(OneLine):
 
 @dataclass(frozen=True)
 class _Conditions:
-    """What all fields have on planes."""
+    """Conditions of all fields on planes."""
 
     planes: Planes
 
     def field(self, unit: str, value: float | list[float], at_wall: str, far: str) -> CaseField:
-        """A field of a free stream, with its conditions at walls and far from them."""
+        """A field with the free stream's value, and its conditions at walls and far from them."""
         return CaseField(unit, value, {"wall": at_wall, "symmetry": f"type {self.planes};", "other": far})
 
 
 def _incoming(value: float) -> str:
-    """Condition far from walls: a value where the flow comes in, no gradient where it goes out."""
+    """Condition far from walls: a value at inflow, no gradient at outflow."""
     return f"type inletOutlet; inletValue uniform {value!r}; value uniform {value!r};"
 
 
@@ -251,7 +251,7 @@ snGradSchemes { default corrected; }
 wallDist { method meshWave; }
 """,
 }
-"""Files of settings of all cases, by their names."""
+"""Files of settings of all cases, by name."""
 
 INCOMPRESSIBLE = {
     "constant/transportProperties": "transportModel Newtonian;\nnu %(viscosity)s;\n",
@@ -291,5 +291,5 @@ relaxationFactors { equations { U 0.9; h 0.9; "(%(turbulence)s)" 0.5; } }
 limits {{ type limitTemperature; active yes; selectionMode all; min {LOWEST}; max {HIGHEST}; }}
 """,
 }
-"""Files of settings of rhoSimpleFoam. Pressures and temperatures meet their limits in the first iterations alone, which
-would end with negative ones from the uniform stream."""
+"""Files of settings of rhoSimpleFoam. Pressures and temperatures only reach their limits in the first iterations, which
+would otherwise give negative ones from the uniform stream."""

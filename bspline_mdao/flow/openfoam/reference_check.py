@@ -1,6 +1,6 @@
-"""What looks wrong in the references of a flow: axes, reference area, and forces that OpenFOAM finds to be others.
+"""Doubts about the references of a flow: axes, reference area, and differences from OpenFOAM's own forces.
 
-All of it may be meant so: it is said, and nothing is refused.
+All of it may be intended: it is reported, and nothing is refused.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from .wall_loads import CaseWalls
 __all__ = ["doubts_about_axes_and_area", "doubts_about_forces"]
 
 AREA_FACTOR = 1.5
-"""Reference areas that are meant differ less than this from what the walls cover: the trapezoid of a wing from its
-planform with strakes by up to a third, half a body from the whole by 2."""
+"""Intended reference areas differ by less than this factor from the projected area of the walls: the trapezoid of a
+wing from its planform with strakes by up to a third, half a body from the whole by 2."""
 
 ACROSS = 0.02
-"""Sine of the angle between a plane of symmetry and the stream, 1 degree, from which on the stream crosses it."""
+"""Sine of the angle between a plane of symmetry and the stream, 1 degree, above which the stream crosses it."""
 
 AGREE = 1e-5
-"""Relative difference of coefficients, by the digits that OpenFOAM prints by default."""
+"""Relative difference of coefficients, from the digits that OpenFOAM prints by default."""
 
 
 def doubts_about_axes_and_area(
@@ -29,7 +29,7 @@ def doubts_about_axes_and_area(
     stream: np.ndarray,  # (3,), direction of the free stream
     area: float,  # reference area (m^2)
 ) -> list[str]:
-    """What looks wrong before a flow is solved, with the numbers."""
+    """Doubts before a flow is solved, with the numbers."""
     _, areas = walls.geometry()
     frontal, side, planform = 0.5 * np.abs(areas @ axes.T).sum(axis=0)
     found = []
@@ -56,7 +56,7 @@ def doubts_about_axes_and_area(
 
 
 def doubts_about_forces(ours: dict[str, float], theirs: dict[str, float] | None) -> list[str]:
-    """What looks wrong in coefficients, beside those that OpenFOAM finds."""
+    """Doubts about coefficients, compared with OpenFOAM's."""
     if theirs is None:
         return ["OpenFOAM wrote no coefficients to compare ours with; see to its log"]
     size = max(map(abs, theirs.values()))

@@ -1,4 +1,4 @@
-"""What a log of a steady solver says: residuals, and whether they came below what was asked."""
+"""The log of a steady solver: residuals, and whether they fell below the tolerance."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ __all__ = ["Convergence", "read_residuals"]
 
 @dataclass(frozen=True, eq=False)
 class Convergence(OneLine):
-    """How a steady solver converged."""
+    """Convergence of a steady solver."""
 
     residuals: dict[str, np.ndarray]  # (n_iterations,), initial residual of every equation
-    is_converged: bool  # whether all of them came below the tolerance of the case
+    is_converged: bool  # whether all of them fell below the tolerance of the case
 
     @classmethod
     def of(cls, program: str, log: str) -> Convergence:
-        """Read a log; `SolverError` where numbers are not finite, or nothing was solved."""
+        """Read a log; `SolverError` if numbers are not finite, or nothing was solved."""
         residuals = read_residuals(log)
         if not residuals:
             raise SolverError(f"{program}: its log has no residuals; see to it")
@@ -47,7 +47,7 @@ class Convergence(OneLine):
 
 
 def read_residuals(log: str) -> dict[str, np.ndarray]:
-    """Read the initial residuals of every equation, the first where one is solved twice in an iteration."""
+    """Read the initial residuals of every equation, the first if one is solved twice in an iteration."""
     found: dict[str, list[float]] = {}
     for iteration in re.split(r"^Time = \S+$", log, flags=re.MULTILINE)[1:]:
         solved = re.findall(r"Solving for (\w+), Initial residual = ([^,]+),", iteration)

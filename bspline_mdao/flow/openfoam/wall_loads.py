@@ -25,9 +25,9 @@ __all__ = ["CaseWalls", "WallLoads", "wall_loads"]
 class CaseWalls(OneLine):
     """Faces of some patches of a case."""
 
-    patches: dict[str, slice]  # range of each patch among them, by its name
-    corners: np.ndarray  # int (n_corners,), points of the faces one after the other
-    sizes: np.ndarray  # int (n_faces,), how many each has
+    patches: dict[str, slice]  # range of each patch among them, by name
+    corners: np.ndarray  # int (n_corners,), points of the faces in sequence
+    sizes: np.ndarray  # int (n_faces,), number of corners of each
     cells: np.ndarray  # int (n_faces,), cells behind them
     n_cells: int  # cells of the case
     points: np.ndarray  # (n_points, 3), points of the case (m)
@@ -38,7 +38,7 @@ class CaseWalls(OneLine):
         folder: Path,  # the ``polyMesh``
         names: Sequence[str],  # the patches
     ) -> CaseWalls:
-        """Read them from a mesh; `InputError` where it has no such patch."""
+        """Read them from a mesh; `InputError` if it has no such patch."""
         corners, sizes = FoamFile.read(folder, "faces").faces()
         owner = FoamFile.read(folder, "owner").labels()
         ranges = {
@@ -71,7 +71,7 @@ class CaseWalls(OneLine):
         return polygon_geometry(self.points, self.corners, np.cumsum([0, *self.sizes]))
 
     def values(self, field: WrittenField) -> np.ndarray:
-        """Values of a field on the faces, shape (n_faces,), or (n_faces, 3) of a vector."""
+        """Values of a field on the faces, shape (n_faces,), or (n_faces, 3) for a vector."""
         parts = [field.on_patch(name, self.cells[part], self.n_cells) for name, part in self.patches.items()]
         values = np.concatenate(parts)
         if not np.isfinite(values).all():
@@ -88,22 +88,22 @@ class WallLoads(OneLine):
     CD: float
     CM: np.ndarray  # (3,), moments about the axes x, y and z of the grid
     Cp: np.ndarray  # (n_faces,), pressure coefficients
-    Cf: np.ndarray  # (n_faces, 3), friction on the wall, as a vector, by the dynamic pressure
+    Cf: np.ndarray  # (n_faces, 3), friction on the wall, as a vector, divided by the dynamic pressure
 
 
 def wall_loads(
     walls: CaseWalls,
-    folder: Path,  # time whose fields are taken: ``p``, and ``wallShearStress`` where it was written
+    folder: Path,  # time of the fields: ``p``, and ``wallShearStress`` if it was written
     stream: FreeStream,
     alpha: float,  # angle of attack (rad)
     axes: np.ndarray,  # (3, 3), rows are the directions downstream, along the span, and up
-    references: tuple[float, float, Sequence[float]],  # area (m^2), chord (m) and point of the moments (m)
+    references: tuple[float, float, Sequence[float]],  # area (m^2), chord (m) and reference point of moments (m)
 ) -> WallLoads:
     """Sum pressure and friction over the faces of walls."""
     centres, areas = walls.geometry()
     Cp = (walls.values(WrittenField.read(folder, "p")) - stream.pressure) / stream.dynamic_pressure
     Cf = np.zeros((walls.n_faces, 3))
-    if (folder / "wallShearStress").is_file():  # it is the stress of the wall on the flow
+    if (folder / "wallShearStress").is_file():  # stress of the wall on the flow
         Cf -= walls.values(WrittenField.read(folder, "wallShearStress")) / stream.dynamic_pressure
     forces = Cp[:, None] * areas + Cf * np.linalg.norm(areas, axis=1)[:, None]
     coefficients = ForceCoefficients(csr_array(eye_array(walls.n_faces)), axes, *references)

@@ -26,13 +26,13 @@ INSTALL = "install SU2 7 or 8 (https://su2code.github.io/download.html) and put 
 INSTALL_ADJOINT = f"{INSTALL}; the adjoint is in a build with -Denable-autodiff=true"
 
 SUFFIXES = {"FORCE": "cf", "MOMENT": "cm"}
-"""Of the files of an adjoint, by its objective; the axis follows."""
+"""Suffix of the files of an adjoint, by its objective; the axis follows."""
 
 FLOW, ADJOINT, MESH, SOLUTION = "flow.cfg", "adjoint.cfg", "mesh.su2", "solution_flow.csv"
-"""Files of the case: configurations, the mesh, and what the next flow starts from."""
+"""Files of the case: configurations, the mesh, and the start of the next flow."""
 
 FLOWN, STARTED = ".flown", ".solution"
-"""Files that say which flow the results are of, and which cells the solution to start from."""
+"""Files that identify the flow of the results, and the cells of the solution to start from."""
 
 TABLES = {
     "MESH_FILENAME": MESH,
@@ -42,7 +42,7 @@ TABLES = {
     "OUTPUT_PRECISION": 16,
     "HISTORY_WRT_FREQ_INNER": 1,
 }
-"""Settings of every run: what is read and written, and with all digits."""
+"""Settings of every run: input and output, with all digits."""
 
 logger = logging.getLogger(__name__)
 
@@ -56,13 +56,13 @@ class Su2Point:
 
     @property
     def settings(self) -> dict[str, object]:
-        """Settings of the conditions, to the last bit."""
+        """Settings of the conditions, exact to the last bit."""
         return {"MACH_NUMBER": repr(float(self.mach)), "AOA": repr(float(self.alpha))}
 
 
 @dataclass(frozen=True, eq=False)
 class Su2Solution(OneLine):
-    """What comes out of a flow."""
+    """Results of a flow."""
 
     values: dict[str, float]  # last line of its history
     surface: NodeTable  # pressures on the walls
@@ -98,7 +98,7 @@ class Su2Case(OneLine):
             return self._solve(self.mesh.text(nodes), point, lock)
 
     def gradient(self, nodes: np.ndarray, point: Su2Point, objective: str) -> Gradient:
-        """Solve the adjoint of a force or moment, and the flow before it where the folder has another one."""
+        """Solve the adjoint of a force or moment, and first the flow if the folder has another one."""
         mesh = self.mesh.text(nodes)
         with locked_case(self.path) as lock:
             flown = self.path / FLOWN
@@ -134,7 +134,7 @@ class Su2Case(OneLine):
         return Gradient(by_nodes, values["Sens_AoA"], values["Sens_Mach"])
 
     def _stamp(self, mesh: str, point: Su2Point) -> str:
-        """Text that tells flows of a case apart."""
+        """Text that identifies a flow of a case."""
         return _digest(mesh, self.config.text, repr(self.settings), repr(point))
 
     def _solve(self, mesh: str, point: Su2Point, lock: int) -> Su2Solution:
@@ -167,7 +167,7 @@ class Su2Case(OneLine):
             values = last_of_history(written[0])
             surface = NodeTable.read(written[1])
         except SolverError:
-            if is_warm:  # it may be what it started from
+            if is_warm:  # it may be its own start
                 solution.unlink(missing_ok=True)
             raise
         try:
@@ -185,7 +185,7 @@ class Su2Case(OneLine):
         name: str,  # of the configuration
         settings: Mapping[str, object],
         lock: int,
-        written: tuple[Path, ...],  # files that the run writes: those of an earlier one are removed
+        written: tuple[Path, ...],  # output files of the run: earlier ones are removed
     ) -> None:
         """Write a configuration, and run a program on it."""
         replaced = self.config.replaced_by(settings)
@@ -210,12 +210,12 @@ class Su2Case(OneLine):
 
 
 def _digest(*parts: str) -> str:
-    """Text by which parts are known again."""
+    """Text that identifies given parts."""
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
 def _reason(text: str) -> str | None:
-    """Say what SU2 itself gives as the reason."""
+    """Return the reason that SU2 itself gives."""
     message = re.search(r"Error in \"[^\n]*\n-+\s*\n(.*?)(?:\n-+ Error Exit|\Z)", text, re.DOTALL)
     if message is None:
         return None

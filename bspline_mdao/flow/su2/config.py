@@ -1,4 +1,4 @@
-"""Configurations of SU2: a user's own stays as it is, but for the keys that a run has to set."""
+"""Configurations of SU2: a user's own is kept, except for the keys that a run must set."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ CONV_RESIDUAL_MINVAL= -11
 """
 
 BOUNDARIES = {"symmetry": "MARKER_SYM", "farfield": "MARKER_FAR"}
-"""Keys of the conditions by the kinds of markers; walls have `SLIP` or `NO_SLIP`."""
+"""Keys of the conditions by kind of marker; walls have `SLIP` or `NO_SLIP`."""
 
 SLIP, NO_SLIP = "MARKER_EULER", "MARKER_HEATFLUX"
-"""Walls without friction, and with it: of these the flux of heat follows each marker, 0 here."""
+"""Walls without friction, and with it: for these each marker is followed by the heat flux, 0 here."""
 
 VISCOUS = ("NAVIER_STOKES", "RANS")
 """Solvers with friction."""
 
 SOLVERS = ("EULER", *VISCOUS)
-"""Solvers that have a Mach number and an angle of attack."""
+"""Solvers that use a Mach number and an angle of attack."""
 
 REFUSED = {
     "FIXED_CL_MODE": "the angle of attack is an input here: give it, and lift as a constraint or a balance",
     "TIME_DOMAIN": "flows are steady here",
     "MULTIZONE": "there is one mesh here",
 }
-"""Switches that change what is an input, and why they have to be off."""
+"""Switches that change the inputs, and why they must be off."""
 
 _KEY = re.compile(r"^\s*([A-Za-z][A-Za-z0-9_]*)\s*=(.*)$", re.S)
 
@@ -67,7 +67,7 @@ class Su2Config(OneLine):
 
     @classmethod
     def read(cls, path: str | os.PathLike | None) -> Su2Config:
-        """Read a user's file; `EULER` where there is none."""
+        """Read a user's file; `EULER` if there is none."""
         if path is None:
             return cls(EULER, "the configuration of the Euler equations")
         try:
@@ -77,7 +77,7 @@ class Su2Config(OneLine):
 
     @cached_property
     def statements(self) -> list[tuple[str, str]]:
-        """Key, empty where there is none, and text of each statement: a line, and those that it goes on with."""
+        """Key, empty if there is none, and text of each statement: a line, and its continuation lines."""
         found, lines = [], iter(self.text.splitlines())
         for line in lines:
             whole = line
@@ -102,7 +102,7 @@ class Su2Config(OneLine):
         return found
 
     def check(self, walls: Sequence[str]) -> None:
-        """Refuse what has no place here, and forces of other walls than those that move."""
+        """Refuse unsupported settings, and forces of other walls than those that move."""
         solver = self.values.get("SOLVER", "").upper()
         if solver not in SOLVERS:
             raise InputError(f"{self.source}: SOLVER= {solver or 'nothing'}; set one of {', '.join(SOLVERS)}")
@@ -125,11 +125,11 @@ class Su2Config(OneLine):
     @property
     def mach_is_alone(self) -> bool:
         """Whether a change of the Mach number changes no other property of the stream."""
-        # SU2 has Reynolds numbers by default, and makes the density of the stream from them and its speed.
+        # SU2 has Reynolds numbers by default, and computes the density of the stream from them and its speed.
         return not self.is_viscous or self.values.get("INIT_OPTION", "REYNOLDS").upper() == "TD_CONDITIONS"
 
     def boundaries(self, kinds: Mapping[str, str]) -> dict[str, str]:
-        """Conditions on the markers by their kinds; none where the configuration has conditions of its own."""
+        """Conditions on the markers by kind; none if the configuration has its own."""
         of_walls = NO_SLIP if self.is_viscous else SLIP
         if any(key in self.values for key in (*BOUNDARIES.values(), SLIP, NO_SLIP, "MARKER_ISOTHERMAL")):
             return {}
@@ -149,7 +149,7 @@ class Su2Config(OneLine):
         return [key for key, value in settings.items() if key in self.values and self.values[key] != str(value)]
 
     def with_settings(self, settings: Mapping[str, object]) -> str:
-        """Text with settings in the place of its own, which stay as comments."""
+        """Text with settings in place of its own, which stay as comments."""
         lines = []
         for key, text in self.statements:
             lines += [f"% replaced: {line}" for line in text.splitlines()] if key in settings else [text]

@@ -1,8 +1,8 @@
 """The frame of SU2: x downstream and, in three dimensions, z up and y along the span; in two dimensions y up.
 
-Ours are turned into it, never mirrored, so that moments turn like forces. In three dimensions the span may then lie on
-the side of negative y, which makes no difference to a flow with a plane of symmetry, and none to forces that are turned
-back.
+Our axes are rotated into it, never mirrored, so that moments transform like forces. In three dimensions the span may
+then lie on the side of negative y, which makes no difference to a flow with a plane of symmetry, nor to forces that are
+rotated back.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Su2Frame(OneLine):
 
     @classmethod
     def of(cls, axes: str, across: int | None, what: str) -> Su2Frame:
-        """Make it of the axes of a grid and, of a mesh of two dimensions, the axis across its plane."""
+        """Make it from the axes of a grid and, for a two-dimensional mesh, the axis normal to its plane."""
         downstream, span, up = as_axes(axes, what)
         if across is not None:
             if span[across] == 0.0:
@@ -47,12 +47,12 @@ class Su2Frame(OneLine):
 
     @property
     def force_keys(self) -> tuple[str, ...]:
-        """Its names of the forces along its axes, as objectives."""
+        """SU2's names of the forces along its axes, as objectives."""
         return ("FORCE_X", "FORCE_Y", "FORCE_Z")[: self.n_axes]
 
     @property
     def moment_rows(self) -> dict[str, np.ndarray]:
-        """Directions in our axes of the moments that it has, by its names of them as objectives."""
+        """Directions in our axes of the available moments, by SU2's names of them as objectives."""
         if self.n_axes == 2:
             return {"MOMENT_Z": np.cross(*self.rows)}
         return dict(zip(("MOMENT_X", "MOMENT_Y", "MOMENT_Z"), self.rows))

@@ -1,6 +1,6 @@
-"""A mesh as SU2 reads it: cells and markers once, nodes anew for each design.
+"""A mesh in the format of SU2: cells and markers once, nodes again for each design.
 
-SU2's numbers of nodes are those of the mesh, or of the file of two dimensions that it was read from.
+SU2's numbers of nodes are as in the mesh, or in the two-dimensional file from which it was read.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ __all__ = ["MeshToFly", "Su2Mesh"]
 CELLS = {"tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
 PLANE_CELLS = {"wedge": 5, "hexahedron": 9}
 LINE, TRIANGLE, QUAD = 3, 5, 9
-"""VTK's numbers of cells, of those of a layer that is of two dimensions, and of faces."""
+"""VTK's numbers of cells, of cells of a two-dimensional layer, and of faces."""
 
 UNDECLARED = "other"
-"""Kind of boundaries that nothing is said of, and the marker of those without a name."""
+"""Kind of undeclared boundaries, and the marker of unnamed ones."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshToFly(OneLine):
-    """The mesh of a model, and what its markers are."""
+    """The mesh of a model, and the kinds of its markers."""
 
     mesh: MixedMesh
     kinds: Mapping[str, str]  # by names of the markers
-    rows: np.ndarray  # (n_file,), rows of the model's nodes that SU2's nodes are
+    rows: np.ndarray  # (n_file,), rows of the model's nodes for SU2's nodes
 
     @classmethod
     def of(cls, model: Movable) -> MeshToFly:
-        """Take the mesh of a model, or that of the cells of a grid of blocks."""
+        """Take the mesh of a model, or the cells of a grid of blocks."""
         if isinstance(model, MeshModel):
             mesh, kinds = model.mesh, dict(model.kinds)
         elif isinstance(model, FittedModel):
@@ -61,11 +61,11 @@ class MeshToFly(OneLine):
             raise InputError(f"{mesh.source}: nothing says what marker '{missing[0]}' is; declare its kind")
         rows = np.arange(mesh.n_stored)
         if mesh.numbers is not None and isinstance(model, FittedModel):
-            _, rows = np.unique(mesh.numbers, return_index=True)  # of nodes that blocks share, the first counts
+            _, rows = np.unique(mesh.numbers, return_index=True)  # for nodes that blocks share, the first counts
         return cls(mesh, {name: kinds[name] for name in markers if len(markers[name])}, rows)
 
     def on_mesh(self, nodes: np.ndarray) -> np.ndarray:
-        """Nodes of the mesh, shape (n_points, 3), of those of the model."""
+        """Nodes of the mesh, shape (n_points, 3), from nodes of the model."""
         return nodes if len(nodes) == self.mesh.n_points else nodes[self.rows]
 
     @property
@@ -75,7 +75,7 @@ class MeshToFly(OneLine):
 
     @property
     def across(self) -> int | None:
-        """Axis across the plane of a mesh of two dimensions; None of three."""
+        """Axis normal to the plane of a two-dimensional mesh; None in three dimensions."""
         if self.mesh.n_copies == 1:
             return None
         low, high = np.split(self.mesh.points, 2)
@@ -84,15 +84,15 @@ class MeshToFly(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Su2Mesh(OneLine):
-    """Text of the cells and markers, and the frame that nodes are turned into."""
+    """Text of the cells and markers, and the frame for the nodes."""
 
     head: str  # cells, before the nodes
-    tail: str  # markers, which SU2 takes behind them alone
+    tail: str  # markers, which SU2 only accepts after them
     frame: Su2Frame
 
     @classmethod
     def of(cls, flown: MeshToFly, frame: Su2Frame) -> Su2Mesh:
-        """Write down cells and markers."""
+        """Format cells and markers."""
         mesh, is_plane = flown.mesh, frame.n_axes == 2
         numbers = PLANE_CELLS if is_plane else CELLS
         parts = [f"NDIME= {frame.n_axes}", f"NELEM= {sum(map(len, mesh.cells.values()))}"]

@@ -1,8 +1,8 @@
-"""Tables that SU2 writes: ``history.csv``, ``surface_flow.csv`` and the restart of its adjoint.
+"""Tables written by SU2: ``history.csv``, ``surface_flow.csv`` and the restart of its adjoint.
 
-All are CSV with names in quotes on the first line. Versions 7 and 8 name coefficients ``CD``, ``CL``, ``CMz``, ``CFx``
-in the history, where 8.2 pads them with blanks, and nodes by ``PointID``, counted from 0 as in the mesh; version 7.0
-and older say ``Global_Index`` or ``Point``. On several processes nodes come in any order.
+All are CSV with quoted names on the first line. Versions 7 and 8 name coefficients ``CD``, ``CL``, ``CMz``, ``CFx`` in
+the history, where 8.2 pads them with blanks, and nodes by ``PointID``, counted from 0 as in the mesh; version 7.0 and
+older use ``Global_Index`` or ``Point``. On several processes nodes come in any order.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ NUMBERS = ("PointID", "Global_Index", "Point")
 
 
 def last_of_history(path: Path) -> dict[str, float]:
-    """Values of the last iteration by their names."""
+    """Values of the last iteration by name."""
     names, rows = _read(path)
     values = dict(zip(names, rows[-1]))
     wrong = next((name for name, value in values.items() if not np.isfinite(value)), None)

@@ -1,6 +1,6 @@
-"""Forces by the pressures on walls, as SU2 sums them: each node has the part of its faces that is closest to it.
+"""Forces from the pressures on walls, as SU2 sums them: each node has the part of its faces that is closest to it.
 
-They say on the first run whether SU2's forces are those of the walls, reference values and axes that are meant.
+On the first run they show whether SU2's forces are for the intended walls, reference values and axes.
 """
 
 from __future__ import annotations
@@ -18,19 +18,17 @@ from .tables import NodeTable
 __all__ = ["WallPressures"]
 
 SLACK, SLACK_VISCOUS = 1e-3, 0.1
-"""Parts of the force by which SU2's may differ from that of the pressures: without friction by how faces that are not
-plane are cut, with friction by what it adds to the lift."""
+"""Relative difference allowed between SU2's force and the force of the pressures: without friction from the cutting of
+non-planar faces, with friction from its contribution to the lift."""
 
 
 @dataclass(frozen=True, eq=False)
 class WallPressures(OneLine):
     """Faces of the walls."""
 
-    quads: (
-        np.ndarray
-    )  # (n, 4) of int, nodes of the mesh around the normal into the fluid; triangles with the last twice
-    n_stored: int  # nodes of the file; those above are copies in the second plane
-    height: float  # between the planes of a mesh of two dimensions; 1 of three
+    quads: np.ndarray  # (n, 4) of int, nodes of the mesh around the normal into the fluid; triangles repeat the last
+    n_stored: int  # nodes of the file; higher numbers are copies in the second plane
+    height: float  # between the planes of a two-dimensional mesh; 1 in three dimensions
 
     @classmethod
     def of(cls, flown: MeshToFly) -> WallPressures:
@@ -60,15 +58,15 @@ class WallPressures(OneLine):
     def check(
         self,
         points: np.ndarray,  # (n_points, 3), nodes of the mesh (m)
-        surface: NodeTable,  # what SU2 says of the walls
-        values: dict[str, float],  # what SU2 says of the forces
+        surface: NodeTable,  # SU2's values on the walls
+        values: dict[str, float],  # SU2's forces
         frame: Su2Frame,
         alpha: float,  # deg
         area: float,  # m^2
         is_viscous: bool,
         what: str,  # for messages
     ) -> None:
-        """Compare the forces that SU2 gives with each other and with its pressures."""
+        """Compare SU2's forces with each other and with its pressures."""
         forces = np.array([values[f"CF{axis}"] for axis in "xyz"[: frame.n_axes]])
         weights, _ = frame.lift_and_drag(alpha)
         stated, size = np.array([values["CD"], values["CL"]]), max(float(np.linalg.norm(forces)), 1e-6)

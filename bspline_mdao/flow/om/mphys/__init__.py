@@ -1,3 +1,3 @@
 """Flows and structures in the roles of MPhys."""
 
-from ....core.om import mphys as mphys  # which says what to install where MPhys is missing
+from ....core.om import mphys as mphys  # it says what to install if MPhys is missing

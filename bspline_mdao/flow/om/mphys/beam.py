@@ -35,12 +35,12 @@ class BeamBuilder(Builder):
     radius : sequence of float
         Outer radius at the control points of a B-spline, from the tip to the root (m).
     generation : int, optional
-        1 or 2: the MPhys whose names are used; by default the one that is installed.
+        1 or 2: the MPhys version whose names are used; by default the installed one.
 
     Raises
     ------
     InputError
-        If there are no two nodes, or neighbours at one place.
+        If there are fewer than two nodes, or two neighbours coincide.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class BeamBuilder(Builder):
         _distances_from_root(self._nodes)
 
     def get_mesh_coordinate_subsystem(self, scenario_name: str | None = None) -> om.IndepVarComp:
-        """Make the component that gives the nodes of the baseline, ``x_struct0_mesh`` (``x_struct0``)."""
+        """Make the component that provides the nodes of the baseline, ``x_struct0_mesh`` (``x_struct0``)."""
         mesh = om.IndepVarComp()
         name = names_of(self._generation, type(self).__name__).struct_mesh
         mesh.add_output(name, val=self._nodes.ravel(), tags=COORDINATES)
@@ -97,18 +97,18 @@ class Beam(Copied, om.Group):
     Options
     -------
     nodes : ndarray, shape (n_nodes, 3)
-        Nodes on the baseline (m): their distances along the beam are those of the splines.
+        Nodes on the baseline (m): their distances along the beam parametrize the splines.
     spar : Spar
         Material, and thickness of the wall.
     radius : tuple of float
         Outer radius at the control points of a B-spline, from the tip to the root (m).
     generation : int, optional
-        1 or 2: the MPhys whose names are used; by default the one that is installed.
+        1 or 2: the MPhys version whose names are used; by default the installed one.
 
     Raises
     ------
     InputError
-        In ``setup``, if OpenAeroStruct is not there.
+        In ``setup``, if OpenAeroStruct is not installed.
     """
 
     def initialize(self) -> None:
@@ -119,7 +119,7 @@ class Beam(Copied, om.Group):
         self.options.declare("generation", default=None, desc="MPhys whose names are used")
 
     def setup(self) -> None:
-        """Put OpenAeroStruct's groups between two components that translate."""
+        """Put OpenAeroStruct's groups between two components that translate names."""
         nodes, spar, n = self.options["nodes"], self.options["spar"], len(self.options["nodes"])
         loads = names_of(self.options["generation"], self.msginfo).struct_loads
         surface = lattice_surface(2, n, **spar.settings, radius_cp=np.array(self.options["radius"]))
@@ -157,7 +157,7 @@ _PARTS = (
     ("states", "structures.spatial_beam_states", "SpatialBeamStates"),
     ("stress", "structures.spatial_beam_functionals", "SpatialBeamFunctionals"),
 )
-"""Names of OpenAeroStruct's parts here, their modules and their classes, in the order in which they run."""
+"""Names of OpenAeroStruct's parts here, their modules and classes, in the order in which they run."""
 
 
 def _distances_from_root(nodes: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Builders of MPhys, which make the subsystems of a scenario, and flow groups under its names and tags."""
+"""Builders of MPhys, which make the subsystems of a scenario, and flow groups with its names and tags."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ __all__ = ["EulerBuilder", "FlowBuilder", "FlowGroup"]
 
 
 FLOW_RESULTS = units_of(("CL", "CD", "CM", "CD_induced", "span_load"))
-"""Units of the outputs that every flow group has, those of others included."""
+"""Units of the outputs that every flow group has, including those of other packages."""
 
 EULER_RESULTS = units_of(of_flow("euler"))
-"""Units of the outputs of `EulerFlow`, but for its states, hinge moments and the angle of a given lift."""
+"""Units of the outputs of `EulerFlow`, except its states, hinge moments and the angle of a given lift."""
 
 
 SCENARIOS = ("aerodynamic", "aerostructural")
-"""Scenarios that flows are built for: the second moves the grid inside the coupling, and hands out loads."""
+"""Scenarios for which flows are built: the second moves the grid inside the coupling, and returns loads."""
 
 
 class FlowBuilder(Builder):
@@ -47,26 +47,26 @@ class FlowBuilder(Builder):
     Parameters
     ----------
     model : FittedModel or MeshModel
-        The fitted grid; or a mesh without structure, on one process.
+        The fitted grid; or an unstructured mesh, on one process.
     flow : callable
-        Makes the group that solves the flow, a new one for every scenario: of ``grid``, ``alpha`` and ``Mach_number``.
+        Makes a new group that solves the flow for every scenario, with ``grid``, ``alpha`` and ``Mach_number``.
     surface : SurfaceGrid, optional
         The design surface; all walls by default.
     results : dict, optional
-        Units of its outputs that a scenario is to have, by name; `FLOW_RESULTS` by default.
+        Units of the outputs for a scenario, by name; `FLOW_RESULTS` by default.
     generation : int, optional
-        1 or 2: the MPhys whose names are used; by default the one that is installed.
+        1 or 2: the MPhys version whose names are used; by default the installed one.
     scenario : str
         "aerodynamic": the grid is moved once, before the flow is solved. "aerostructural": it is moved inside the
         coupling, after the structure, and the loads ``f_aero`` (N) go to the structure; the flow then has an input
-        ``dynamic_pressure`` (Pa) and an output ``wall_forces`` (N) on the nodes of the surface, as `EulerFlow` has.
+        ``dynamic_pressure`` (Pa) and an output ``wall_forces`` (N) on the nodes of the surface, as in `EulerFlow`.
     **movement
         Further options of `VolumeWarper`: ``mover``, ``require_valid``, ``comoving``.
 
     Raises
     ------
     InputError
-        If there is no such scenario; in a run, if an "aerodynamic" one finds itself before a coupling with a structure.
+        If there is no such scenario; in a run, if an "aerodynamic" one is placed before a coupling with a structure.
 
     Examples
     --------
@@ -101,11 +101,11 @@ class FlowBuilder(Builder):
         self._comm = comm
 
     def _numbers(self) -> np.ndarray:
-        """Nodes of the surface that this process holds."""
+        """Nodes of the surface on this process."""
         return nodes_of_rank(None, self._surface.n_points, "numbers", self._comm, type(self).__name__)
 
     def get_mesh_coordinate_subsystem(self, scenario_name: str | None = None) -> om.IndepVarComp:
-        """Make the component that gives the surface nodes of the baseline, ``x_aero0_mesh`` (``x_aero0``)."""
+        """Make the component that provides the surface nodes of the baseline, ``x_aero0_mesh`` (``x_aero0``)."""
         mesh = om.IndepVarComp()
         name = names_of(self._generation, type(self).__name__).mesh
         nodes = self._surface.points[self._numbers()].ravel()
@@ -120,7 +120,7 @@ class FlowBuilder(Builder):
         return VolumeWarper(model=self._model, surface=self._surface, **self._movement)
 
     def get_coupling_group_subsystem(self, scenario_name: str | None = None) -> FlowGroup:
-        """Make the group that solves the flow; in the coupling with a structure, also moves the grid and has loads."""
+        """Make the group that solves the flow; coupled with a structure, it also moves the grid and has loads."""
         options = {"n_nodes": self._model.n_nodes, "results": self._results, "generation": self._generation}
         options["hinges"] = self._hinges
         if self._is_coupled:
@@ -128,11 +128,11 @@ class FlowBuilder(Builder):
         return FlowGroup(flow=self._flow_of(scenario_name), **options)
 
     def _flow_of(self, scenario_name: str | None) -> Callable[[], om.Group]:
-        """What makes the flow of a scenario."""
+        """Maker of the flow of a scenario."""
         return self._flow
 
     def get_number_of_nodes(self) -> int:
-        """Count the nodes of the design surface that this process holds."""
+        """Count the nodes of the design surface on this process."""
         return len(self._numbers())
 
     def get_ndof(self) -> int:
@@ -152,16 +152,16 @@ class EulerBuilder(FlowBuilder):
     mover : Mover, optional
         Moves the control mesh; by default `Rotations`.
     require_valid : bool
-        Refuse surfaces that invert cells of the grid.
+        Whether to refuse surfaces that invert cells of the grid.
     comoving : bool
-        Let all that is fixed, such as the far field, go along with the rigid part of the surface's motion.
+        Whether everything fixed, such as the far field, follows the rigid part of the surface's motion.
     generation : int, optional
-        1 or 2: the MPhys whose names are used; by default the one that is installed.
+        1 or 2: the MPhys version whose names are used; by default the installed one.
     scenario : str
         "aerodynamic" or "aerostructural", see `FlowBuilder`.
     **options
-        Those of `EulerFlow`, such as ``reference_area``. With ``trim`` there is ``CL_target`` in the place of the angle
-        of attack, and ``alpha`` is a result.
+        Options of `EulerFlow`, such as ``reference_area``. With ``trim`` there is ``CL_target`` instead of the angle of
+        attack, and ``alpha`` is a result.
 
     Examples
     --------
@@ -207,7 +207,7 @@ class EulerBuilder(FlowBuilder):
 
 
 class FlowGroup(Copied, om.Group):
-    """Solve a flow on the volume nodes that MPhys hands over.
+    """Solve a flow on the volume nodes of MPhys.
 
     =====================  ======  ==============  =====  =========================================
     name                   role    shape           units  meaning
@@ -233,15 +233,15 @@ class FlowGroup(Copied, om.Group):
     Options
     -------
     flow : callable
-        Makes the group that solves the flow: of ``grid``, ``alpha`` (deg) and ``Mach_number``.
+        Makes the group that solves the flow, with ``grid``, ``alpha`` (deg) and ``Mach_number``.
     n_nodes : int
         Number of nodes of the grid.
     results : dict
-        Units of its outputs to hand on, None where there are none, by name.
+        Units of its outputs to pass on, None for no unit, by name.
     generation : int, optional
-        1 or 2: the MPhys whose names are used; by default the one that is installed.
+        1 or 2: the MPhys version whose names are used; by default the installed one.
     warper : VolumeWarper, optional
-        What moves the grid before the flow is solved.
+        Moves the grid before the flow is solved.
     n_loaded : int, optional
         Nodes of the surface that get forces; None for no forces.
     hinges : dict
@@ -250,7 +250,7 @@ class FlowGroup(Copied, om.Group):
     Raises
     ------
     InputError
-        In ``setup``, if forces are wanted of a flow that has none.
+        In ``setup``, if forces are required of a flow that has none.
     """
 
     def initialize(self) -> None:
@@ -264,7 +264,7 @@ class FlowGroup(Copied, om.Group):
         self.options.declare("hinges", default={}, recordable=False, desc="points of hinges on the baseline, by name")
 
     def setup(self) -> None:
-        """Put the flow between two components that translate; in a coupling, with its movement and its loads."""
+        """Put the flow between two components that translate names; in a coupling, with its movement and its loads."""
         names, n_loaded = names_of(self.options["generation"], self.msginfo), self.options["n_loaded"]
         conditions = _conditions(3 * self.options["n_nodes"], names, self.comm)
         results = _results(self.options["results"])
@@ -292,7 +292,7 @@ class FlowGroup(Copied, om.Group):
             self.connect(f"flow.{WALL_FORCES}", f"loads.{WALL_FORCES}")
 
     def configure(self) -> None:
-        """Refuse a flow that does not fit: without forces for a structure, or with the whole grid on each process."""
+        """Refuse an unsuitable flow: without forces for a structure, or with the whole grid on each process."""
         outputs = {meta["prom_name"] for meta in self.flow.get_io_metadata("output").values()}
         if self.options["n_loaded"] is not None and WALL_FORCES not in outputs:
             raise InputError(
@@ -308,11 +308,11 @@ class FlowGroup(Copied, om.Group):
 
 
 _PARTS = {"shape_by_conn": True, "distributed": True}, {"copy_shape": VOLUME, "distributed": True}
-"""How the nodes of the grid come in and go out where each process has some of them."""
+"""Options for the nodes of the grid at inputs and outputs if each process has some of them."""
 
 
 def _conditions(size: int, names: Names, comm: Any) -> list[Renaming]:
-    """Names of MPhys for the inputs of a flow group; of several processes each has its nodes of the grid."""
+    """Names of MPhys for the inputs of a flow group; each of several processes has its nodes of the grid."""
     degrees = {"val": 2.0, "units": "deg"}
     given, handed = ({"shape": size}, {"shape": size}) if comm.size == 1 else _PARTS
     return [
@@ -327,14 +327,14 @@ _LIFT = Renaming("CL_target", "lift_of_flow", {"val": 0.3, "tags": INPUT}, {"val
 
 
 def _pressure(names: Names) -> Renaming:
-    """Name of MPhys for the dynamic pressure; that of the flow may be the same."""
-    # It has to be given, so that the input is no number. The output is one: solvers look at what outputs were before.
+    """Name of MPhys for the dynamic pressure; the flow may use the same name."""
+    # It has no default, so the input is NaN. The output is a number: solvers look at what outputs were before.
     as_input = {"val": float("nan"), "units": "Pa", "tags": INPUT}
     return Renaming(names.dynamic_pressure, "pressure_of_stream", as_input, {"val": 0.0, "units": "Pa"})
 
 
 def _results(units: Mapping[str, str | None]) -> list[Renaming]:
-    """Outputs of a flow group, which are to keep their names."""
+    """Outputs of a flow group that keep their names."""
     pairs = []
     for name, unit in units.items():
         source = f"{name}_of_flow"

@@ -27,27 +27,27 @@ RESULTS = dict.fromkeys(("CL", "CD", "CM", "Cp", "Cf", "y_plus", "n_iterations")
 class OpenFoamBuilder(FlowBuilder):
     """A solver of OpenFOAM as the aerodynamic solver of scenarios, each in a folder of its own.
 
-    MPhys gives Mach numbers: the speed of an incompressible case is that number times 340.294 m/s. Derivatives are
-    those of `OpenFoamFlow`: none by default.
+    MPhys provides Mach numbers: the speed of an incompressible case is the Mach number times 340.294 m/s. Derivatives
+    are as in `OpenFoamFlow`: none by default.
 
     Parameters
     ----------
     model : FittedModel or MeshModel
-        The fitted grid, or a mesh without structure.
+        The fitted grid, or an unstructured mesh.
     folder : path-like
-        Folder for the cases: that of a scenario is in it, by its name.
+        Folder for the cases, each in a subfolder with the name of its scenario.
     surface : SurfaceGrid, optional
         The design surface; all walls by default.
     mover : Mover, optional
-        Moves the control mesh; by default that of `GridMovement`.
+        Moves the control mesh; by default the one of `GridMovement`.
     require_valid : bool
-        Refuse surfaces that invert cells of the grid.
+        Whether to refuse surfaces that invert cells of the grid.
     comoving : bool
-        Let all that is fixed, such as the far field, go along with the rigid part of the surface's motion.
+        Whether everything fixed, such as the far field, follows the rigid part of the surface's motion.
     generation : int, optional
-        1 or 2: the MPhys whose names are used; by default the one that is installed.
+        1 or 2: the MPhys version whose names are used; by default the installed one.
     **options
-        Those of `OpenFoamFlow`, such as ``case`` and ``reference_area``.
+        Options of `OpenFoamFlow`, such as ``case`` and ``reference_area``.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class OpenFoamBuilder(FlowBuilder):
         )
 
     def _flow_of(self, scenario_name: str | None) -> Callable[[], om.Group]:
-        """What makes the flow of a scenario, in its folder."""
+        """Maker of the flow of a scenario, in its folder."""
 
         def flow() -> om.Group:
             solver = OpenFoamFlow(model=self._model, folder=self._folder / (scenario_name or "flow"), **self._options)

@@ -26,9 +26,9 @@ class RigidLinkBuilder(Builder):
     Parameters
     ----------
     links : RigidLinks
-        Which nodes of the beam each node of the surface hangs on.
+        The nodes of the beam to which each node of the surface is linked.
     generation : int, optional
-        1 or 2: the MPhys whose names are used; by default the one that is installed.
+        1 or 2: the MPhys version whose names are used; by default the installed one.
 
     Examples
     --------
@@ -50,7 +50,7 @@ class RigidLinkBuilder(Builder):
 
 
 class _Linked(CheckedOnProcesses, om.ExplicitComponent):
-    """What both components share: the points of this process, and the beam, which all have."""
+    """Common part of both components: the points of this process, and the beam, which all processes have."""
 
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
@@ -70,18 +70,18 @@ class _Linked(CheckedOnProcesses, om.ExplicitComponent):
 
     @fails_together
     def _at(self, inputs: Vector, name: str, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points, beam, and what is transferred."""
+        """Points, beam, and the transferred quantity."""
         x, beam = (finite_points(inputs[known], known, self.msginfo) for known in (X_JIG, X_STRUCT))
         return x, beam, inputs[name].reshape(-1, width)
 
     def _along(self, inputs: Vector, d_inputs: Vector, name: str, width: int) -> list[np.ndarray]:
-        """Directions in all of these, zero where OpenMDAO leaves one out."""
+        """Directions in all of these, zero if OpenMDAO leaves one out."""
         names = (X_JIG, 3), (X_STRUCT, 3), (name, width)
         return [(d_inputs[n] if n in d_inputs else 0.0 * inputs[n]).reshape(-1, size) for n, size in names]
 
 
 class LinkedDisplacements(_Linked):
-    """Displacements of a surface that hangs on a beam by rigid links.
+    """Displacements of a surface that is attached to a beam by rigid links.
 
     ==============  ======  ============  ==============================================================================
     name            role    shape         meaning
@@ -97,7 +97,7 @@ class LinkedDisplacements(_Linked):
     Options
     -------
     links : RigidLinks
-        Which nodes of the beam each node of the surface hangs on.
+        The nodes of the beam to which each node of the surface is linked.
     """
 
     def setup(self) -> None:
@@ -127,7 +127,7 @@ class LinkedDisplacements(_Linked):
 
 
 class LinkedLoads(_Linked):
-    """Loads on a beam of the forces on a surface that hangs on it by rigid links.
+    """Loads on a beam from the forces on a surface that is attached to it by rigid links.
 
     =================  ======  ============  ===========================================================================
     name               role    shape         meaning
@@ -143,9 +143,9 @@ class LinkedLoads(_Linked):
     Options
     -------
     links : RigidLinks
-        Which nodes of the beam each node of the surface hangs on.
+        The nodes of the beam to which each node of the surface is linked.
     generation : int, optional
-        1 or 2: the MPhys whose names are used; by default the one that is installed.
+        1 or 2: the MPhys version whose names are used; by default the installed one.
     """
 
     def initialize(self) -> None:
