@@ -1,8 +1,8 @@
 """Draw the pictures at the beginning of four pages of theory.
 
-``python docs/draw_flow_ideas.py`` writes, below ``docs/_static/ideas``, ``flux_stencil.png`` (the state at a face of a cell),
-``failed_step.png`` (what an optimizer receives for a failed analysis), ``transfer_means.png`` (a field on two members
-of a family) and ``body_points.png`` (a rib that follows a twisted wing). It takes ten seconds.
+``python docs/draw_flow_ideas.py`` writes, below ``docs/_static/ideas``, ``flux_stencil.png`` (the state at a face of a
+cell), ``failed_step.png`` (what an optimizer receives for a failed analysis), ``transfer_means.png`` (a field on two
+members of a family) and ``body_points.png`` (a rib that follows a twisted wing). It takes ten seconds.
 """
 
 from __future__ import annotations

@@ -85,7 +85,8 @@ def test_a_run_script_says_what_it_takes_and_what_its_output_is(path):
 @scripts
 def test_the_first_line_of_a_run_script_is_a_title_that_fits_a_thumbnail(path):
     title, _, _ = ast.get_docstring(ast.parse(path.read_text())).partition("\n\n")
-    assert "\n" not in title and len(title) <= 50
+    assert "\n" not in title
+    assert len(title) <= 50
 
 
 def test_docstrings_comments_imports_and_blank_lines_are_no_code():
