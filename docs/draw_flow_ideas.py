@@ -7,14 +7,11 @@ members of a family) and ``body_points.png`` (a rib that follows a twisted wing)
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+from page_pictures import IDEAS
 
 import bspline_mdao as bm
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, figure
-
-STATIC = Path(__file__).parent / "_static" / "ideas"
 
 STATES = np.array([1.0, 1.05, 1.5, 2.3])
 """Means of the cells a to d."""
@@ -39,7 +36,7 @@ def place(s: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 def draw_stencil() -> None:
     """Draw cells along a grid line with a face, and the mean at the face from four cells and from two."""
-    with figure(STATIC, "flux_stencil", (8.0, 2.9)) as drawing:
+    with figure(IDEAS, "flux_stencil", (8.0, 2.9)) as drawing:
         cells, means = drawing.subplots(1, 2, width_ratios=(1.15, 1.0))
         u, v = np.linspace(0.0, 4.0, 81), np.linspace(0.0, 3.0, 61)
         for k in range(5):
@@ -67,7 +64,7 @@ def draw_stencil() -> None:
 
 def draw_failure() -> None:
     """Draw the objective along a step that fails, and what stands for it."""
-    with figure(STATIC, "failed_step", (5.5, 3.0)) as drawing:
+    with figure(IDEAS, "failed_step", (5.5, 3.0)) as drawing:
         axes = drawing.subplots()
         axes.axvspan(FAILS_FROM, 1.08, color=GRAY, alpha=0.2, lw=0.0)
         axes.text(0.84, -0.35, "analyses fail", ha="center", color=GRAY)
@@ -104,7 +101,7 @@ def fine_means(n: int) -> np.ndarray:
 
 def draw_transfer() -> None:
     """Draw means of coarse cells, the parabolas in them, and means of finer cells that are not nested."""
-    with figure(STATIC, "transfer_means", (6.0, 2.8)) as drawing:
+    with figure(IDEAS, "transfer_means", (6.0, 2.8)) as drawing:
         axes = drawing.subplots()
         axes.stairs(CELLS, np.arange(-1.0, 5.0), baseline=None, color=BLUE, lw=1.8, label="means of coarse cells")
         for k in range(len(CELLS) - 2):
@@ -133,7 +130,7 @@ def draw_body() -> None:
     outline = grid.of.nodes[np.append(walls, walls[0])]
     rib = middle + 0.7 * (outline - middle)
     after = model.embed_points(rib).at(moved, grid.nodes).nodes
-    with figure(STATIC, "body_points", (6.5, 2.2)) as drawing:
+    with figure(IDEAS, "body_points", (6.5, 2.2)) as drawing:
         axes = drawing.subplots()
         axes.plot(*outline[:, :2].T, color=GRAY, lw=1.0, label="wall, before")
         axes.plot(*rib[:, :2].T, ".--", color=GRAY, lw=0.6, label="rib, before")

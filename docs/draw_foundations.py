@@ -6,26 +6,17 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 from matplotlib.colors import to_rgb
+from page_pictures import IDEAS, bare, chosen
 from scipy.interpolate import BSpline
 
 import bspline_mdao as bm
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, RED, draw_net, figure
 
-IDEAS = Path(__file__).parent / "_static" / "ideas"
-
 PALE = "#eef3f7"
 """Colour of the inside of a body."""
-
-
-def bare(axes, title: str, **settings) -> None:
-    """Leave nothing of the axes but a title, and make both directions equal."""
-    axes.set(**{"aspect": "equal", **settings})
-    axes.set_title(title, fontsize=10)
-    axes.axis("off")
 
 
 def arrow(axes, start, end, color=GRAY) -> None:
@@ -337,20 +328,12 @@ def sparse_parallel() -> None:
             axes.spines[["top", "right", "bottom"]].set_visible(False)
 
 
-DRAWN = {
-    draw.__name__: draw
-    for draw in (
-        *(quality, validity, topology, high_order, inversion, progressive, geometry, grid_files),
-        *(sparse, sparse_iterative, sparse_parallel),
-    )
-}
-
-
-def main(*names: str) -> None:
-    """Draw the pictures of some pages, or of all."""
-    for name in names or DRAWN:
-        DRAWN[name]()
+DRAWN = (
+    *(quality, validity, topology, high_order, inversion, progressive, geometry, grid_files),
+    *(sparse, sparse_iterative, sparse_parallel),
+)
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    for draw in chosen(DRAWN, sys.argv[1:]):
+        draw()

@@ -12,11 +12,10 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
+from page_pictures import IDEAS, draw_pictures, in_plane
 
 import bspline_mdao as bm
-from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_net, figure
-
-FOLDER = Path(__file__).parent / "_static" / "ideas"
+from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_net
 
 PALE = "#c4c4c4"
 """Lines behind what is shown."""
@@ -38,11 +37,6 @@ def panels(drawing, titles: tuple[str, ...], n_rows: int = 1, **limits):
 def section_model(n_around: int, n_off: int, n_control: tuple[int, int, int], **options) -> bm.FittedModel:
     """Fit an O-grid about a section."""
     return bm.fit_grid(bm.generators.airfoil_grid("naca0012", n_around, n_off, **options), n_control=n_control)
-
-
-def in_plane(block) -> np.ndarray:
-    """Nodes of a section's grid in its first plane, shape (n, m, 2)."""
-    return block.nodes[:, :, 0, :2]
 
 
 def pitched(surface: np.ndarray, degrees: float) -> np.ndarray:
@@ -314,13 +308,5 @@ PICTURES = {
 """What draws, and sizes in inches."""
 
 
-def main(names: list[str]) -> None:
-    """Draw what is named, or all."""
-    for draw, size in PICTURES.items():
-        if not names or draw.__name__ in names:
-            with figure(FOLDER, draw.__name__, size, n_colours=64) as drawing:
-                draw(drawing)
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    draw_pictures(IDEAS, PICTURES, sys.argv[1:])

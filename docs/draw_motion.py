@@ -11,12 +11,11 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from page_pictures import IDEAS, bare, chosen
 from scipy.spatial import Delaunay
 
 import bspline_mdao as bm
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, draw_net, figure
-
-IDEAS = Path(__file__).parent / "_static" / "ideas"
 
 PITCH = np.deg2rad(90.0)
 """Angle by which the section turns, nose up: large enough for a linear solid to distort."""
@@ -28,13 +27,6 @@ def turned(points: np.ndarray, angle: float, about: tuple[float, float] = (0.5, 
     x, y = points[..., 0] - about[0], points[..., 1] - about[1]
     moved[..., 0], moved[..., 1] = about[0] + cos * x + sin * y, about[1] - sin * x + cos * y
     return moved
-
-
-def bare(axes, title: str, **settings) -> None:
-    """Leave nothing of the axes but a title, and make both directions equal."""
-    axes.set(aspect="equal", **settings)
-    axes.set_title(title, fontsize=10)
-    axes.axis("off")
 
 
 def pitching(movers: dict, angle: float, **spacing):
@@ -241,17 +233,9 @@ def background_lattice() -> None:
             bare(axes, title, **window)
 
 
-DRAWN = {
-    draw.__name__: draw
-    for draw in (rotations, movers, springs, grid_map, wall_layer, sliding, background_lattice, processes)
-}
-
-
-def main(*names: str) -> None:
-    """Draw the pictures of some pages, or of all."""
-    for name in names or DRAWN:
-        DRAWN[name]()
+DRAWN = (rotations, movers, springs, grid_map, wall_layer, sliding, background_lattice, processes)
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    for draw in chosen(DRAWN, sys.argv[1:]):
+        draw()

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import openmdao.api as om
+from page_pictures import draw_pictures, in_plane
 
 import bspline_mdao as bm
-from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, RED, draw_net, draw_pressures, figure, wall_quads
+from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, RED, draw_net, draw_pressures, wall_quads
 
 FOLDER = Path(__file__).parent / "_static" / "reference"
 
@@ -31,11 +32,6 @@ def panels(drawing, titles: tuple[str, ...]):
     for axes, title in zip(row, titles):
         axes.set_title(title, fontsize=10)
     return row
-
-
-def in_plane(block) -> np.ndarray:
-    """Nodes of a section's grid in its first plane, shape (n, m, 2)."""
-    return block.nodes[:, :, 0, :2]
 
 
 def grids(drawing) -> None:
@@ -239,13 +235,5 @@ PICTURES = {
 """What draws, and sizes in inches."""
 
 
-def main(names: list[str]) -> None:
-    """Draw what is named, or all."""
-    for draw, size in PICTURES.items():
-        if not names or draw.__name__ in names:
-            with figure(FOLDER, draw.__name__, size, n_colours=64) as drawing:
-                draw(drawing)
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    draw_pictures(FOLDER, PICTURES, sys.argv[1:])
