@@ -359,7 +359,7 @@ def assemble(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill(orders, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows, ids, indptr, indices, data):
-    """Write the entries of the nodes of one volume, then those of their copies."""
+    """Write the entries of the nodes of one volume, then of their copies."""
     n_entries, n_functions = orders[0] * orders[1] * orders[2], orders[0] + orders[1] + orders[2] - 3
     values, sub_net = np.empty(orders[0] + orders[1] + orders[2]), np.empty(n_entries, dtype=np.int64)
     for span in range(anchors.size):

@@ -191,7 +191,7 @@ def _warn_of_wide_spans(topology: Topology, cells: float, usual: float) -> Itera
     """Warn in one line if spans are wider than usual."""
     if cells != usual:
         yield (
-            f"a grid of {topology.n_nodes:,} nodes gets one span to {cells:.1f} cells instead of {usual}, so "
+            f"a grid of {topology.n_nodes:,} nodes gets one span per {cells:.1f} cells instead of {usual}, so "
             f"that movers can take its control mesh; give numbers of control points for others (n_control, --n-control)"
         )
 

@@ -257,7 +257,7 @@ def _fit(
     if topology is None:
         topology = find_topology(grid, comm)
     if topology.shapes != grid.shapes:
-        raise InputError(f"{grid.source}: the topology is of other blocks, {topology.source}; find that of this grid")
+        raise InputError(f"{grid.source}: the topology is of other blocks, {topology.source}; find this grid's")
     for first, again in topology.repeated:
         raise InputError(f"{grid.source}: block {again + 1} is block {first + 1} once more; leave one of them out")
     sharing = FitNodes.of(topology, comm)

@@ -70,7 +70,7 @@ class FitStep:
         right: np.ndarray
         | float,  # (N0 N1 N2, 3), or 0, addition to the right-hand side, for all control points of the section
         nodes: np.ndarray,  # (n_rows, 3), all nodes of the grid, for the reference
-        # those of the boundary are read, the entity's are written
+        # the boundary's are read, the entity's are written
         control_points: np.ndarray,  # (n_control_points, 3)
     ) -> None:
         """Solve ``(A_u^T A_u + shift I) d = A_u^T (points - A b_reference) + right_u``; write ``b_reference + d``."""

@@ -87,7 +87,7 @@ def as_parameters(
         arrays = [np.array(array, dtype=float) for array in values]
     except (TypeError, ValueError):
         raise InputError(
-            f"{topology.source}: parameters that are no arrays of numbers; give one for each block"
+            f"{topology.source}: parameters that are not arrays of numbers; give one for each block"
         ) from None
     shapes = [array.shape for array in arrays]
     segments = topology.segments

@@ -151,7 +151,7 @@ def _rows(path: Path) -> tuple[list[_Row], tuple[int, int] | None]:
             f"{path}: {error.strerror or error}; an airfoil is a file, NACA digits such as naca0012, or cst:UPPER/LOWER"
         ) from error
     if b"\0" in data:
-        raise InputError(f"{path}: is no text of two columns; give a file of points, or a name such as naca0012")
+        raise InputError(f"{path}: is not text in two columns; give a file of points, or a name such as naca0012")
     rows = []
     for number, line in enumerate(data.decode("utf-8-sig", errors="replace").splitlines(), 1):
         text = re.split(r"[#!]", line)[0].strip()
@@ -160,13 +160,13 @@ def _rows(path: Path) -> tuple[list[_Row], tuple[int, int] | None]:
         if None not in values:
             rows.append(_Row(number, text, tuple(value for value in values if value is not None)))
         elif rows and len(rows[-1].values) > 1 and values[0] is not None and not re.search("[A-Za-z]{3}", text):
-            raise InputError(f"{path}: line {number}: '{text[:60]}' is no point; give two numbers, x and y")
+            raise InputError(f"{path}: line {number}: '{text[:60]}' is not a point; give two numbers, x and y")
     width = len(rows[-1].values) if rows else 0
     while rows and len(rows[0].values) != width:  # titles of digits
         rows.pop(0)
     for row in rows:
         if width not in (2, 3) or len(row.values) != width:
-            raise InputError(f"{path}: line {row.line}: '{row.text[:60]}' is no point; give two numbers, x and y")
+            raise InputError(f"{path}: line {row.line}: '{row.text[:60]}' is not a point; give two numbers, x and y")
     if width == 3:
         rows = _plane(rows, path)
     if not rows:

@@ -43,9 +43,7 @@ def check_outline(
     is_repeated = np.linalg.norm(np.diff(points, axis=0), axis=1) <= _ROUND_OFF * chord
     if is_repeated.any():
         number = int(np.argmax(is_repeated)) + 1
-        raise InputError(
-            f"{name}: {place(number)}: {_text(points[number])} is that of {place(number - 1)} again; leave one out"
-        )
+        raise InputError(f"{name}: {place(number)}: {_text(points[number])} repeats {place(number - 1)}; leave one out")
     if distances[0] > 0.5 * _OPEN * chord:
         raise InputError(
             f"{name}: open: it begins at {_text(points[0])}, {place(0)}, and ends at {_text(points[-1])}, "
@@ -75,7 +73,7 @@ def _check_sides(points: np.ndarray, along: np.ndarray, at_nose: int, name: str,
     between = np.concatenate([heights[first] - lower, (upper - heights[second])[1:]])
     between[np.abs(along - 1.0) < 1e-3] = 0.0  # the nose may be blunt, and ``along`` has no digits there
     if np.abs(between).max() < 1e-4:
-        raise InputError(f"{name}: its sides are on each other; give a section with thickness")
+        raise InputError(f"{name}: its sides coincide; give a section with thickness")
     if between.max() < _CROSSED:
         raise InputError(f"{name}: runs along the lower side first; reverse the points")
     if between.min() < -_CROSSED:

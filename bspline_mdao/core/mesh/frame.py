@@ -62,29 +62,11 @@ class Frame(OneLine):
         return stream + stream_slope * span, normal + normal_slope * span
 
 
-def surface_frame(points: np.ndarray, planes: tuple[Plane, ...] = ()) -> Frame:
+def surface_frame(
+    points: np.ndarray,  # (n, 3), points of the surface (m)
+    planes: tuple[Plane, ...] = (),  # planes of symmetry
+) -> Frame:
     """Find the directions of a surface from its box and its planes of symmetry.
-
-    The span is normal to a plane of symmetry, and starts there, or where the surface begins if it does not reach the
-    plane. With several planes, the one along whose normal the surface is longest counts. Without one the span is the
-    longest side of the box and starts at its low end. The stream is the longer of the other two sides. The middle line
-    joins the centres of the boxes of slices of the surface.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        Points of the surface (m).
-    planes : tuple of Plane
-        Planes of symmetry.
-
-    Returns
-    -------
-    Frame
-
-    Raises
-    ------
-    InputError
-        If the surface has no span.
 
     Examples
     --------
@@ -92,6 +74,10 @@ def surface_frame(points: np.ndarray, planes: tuple[Plane, ...] = ()) -> Frame:
     >>> surface_frame(wing).axes.tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     """
+    # `InputError` if the surface has no span. The span is normal to a plane of symmetry, and starts there, or where the
+    # surface begins if it does not reach the plane. With several planes, the one along whose normal the surface is
+    # longest counts. Without one the span is the longest side of the box and starts at its low end. The stream is the
+    # longer of the other two sides. The middle line joins the centres of the boxes of slices of the surface.
     span_axis, root = _span_axis(points, planes)
     others = _across(span_axis)
     others = others[np.argsort(-np.ptp(points @ others.T, axis=0), kind="stable")]

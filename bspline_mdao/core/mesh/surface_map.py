@@ -46,7 +46,7 @@ class SurfaceMap(OneLine):
         """Take the rows of the surface's nodes out of the evaluation of the grid."""
         require_mesh_of(model, mesh, "surface: the mesh")
         if surface.rows.max() >= model.n_nodes:
-            raise InputError(f"surface: it has nodes that {model.source} has not; make it of this model")
+            raise InputError(f"surface: it has nodes that are not in {model.source}; make it from this model")
         found = surface_map_of(model, mesh, surface)
         if not found.matrix.data.any():
             raise InputError(

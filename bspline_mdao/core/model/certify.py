@@ -84,5 +84,5 @@ def require_valid_splines(
         others = f", and in {counted(len(worse) - 1, 'other block')}" if len(worse) > 1 else ""
         raise MovementError(
             f"movement: splines fold in {worse[0]}{others}; take a smaller step, or constrain certified_ks of Quality, "
-            f"so that drivers turn back before that"
+            f"so drivers turn back in time"
         )

@@ -343,8 +343,8 @@ def _checked_lengths(path: str | os.PathLike, arrays: dict[str, np.ndarray], is_
     lengths = arrays.get("residual_lengths")
     if lengths is None and is_turned:
         raise InputError(
-            f"{path}: is of a version before 4, which one process alone can read; fit the grid again, or write the "
-            f"file anew by FittedModel.load(path).save(path)"
+            f"{path}: is of a version before 4, which only one process can read; fit the grid again, or rewrite the "
+            f"file by FittedModel.load(path).save(path)"
         )
     if lengths is not None and (lengths.ndim != 1 or not (lengths >= 0.0).all()):
         raise ValueError("lengths")

@@ -1,7 +1,7 @@
 """Movement with a Delaunay graph of the surface and the fixed points. Theory: ``docs/theory/movers.rst``.
 
 The graph is a set of tetrahedra, made by Qhull. This module finds the one that contains each point, and moves the point
-with it. The step numbers are those of `DelaunayGraph`.
+with it. Step numbers refer to `DelaunayGraph`.
 """
 
 from __future__ import annotations

@@ -144,7 +144,7 @@ def _solved(matrix: np.ndarray, right: np.ndarray, what: str) -> np.ndarray:
     try:
         solution = np.linalg.solve(matrix, right if right.ndim == 3 else right[:, :, None])
     except np.linalg.LinAlgError:
-        raise MovementError(f"{what}: surfaces touch at a node, or it is in the middle of their curvature") from None
+        raise MovementError(f"{what}: surfaces touch at a node, or it is at their centre of curvature") from None
     return solution if right.ndim == 3 else solution[:, :, 0]
 
 

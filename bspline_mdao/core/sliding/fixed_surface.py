@@ -41,13 +41,8 @@ class FixedSurface(OneLine, ABC):
 
     @abstractmethod
     def levels(self, points: np.ndarray) -> Levels:
-        """Return the function whose zeros the surface is, at points, shape (n, 3), in metres; real or complex.
-
-        Raises
-        ------
-        MovementError
-            If it has no gradient at a point, as on the axis of a cylinder.
-        """
+        """The function whose zeros are the surface, at points, shape (n, 3), in metres; real or complex."""
+        # `MovementError` if it has no gradient at a point, as on the axis of a cylinder
 
     def near(self, points: np.ndarray) -> np.ndarray:
         """Starting points (m) of the search for the points nearest to given ones, shape (n, 3)."""
@@ -320,7 +315,7 @@ class Sphere(FixedSurface):
         away = points - np.asarray(self.center)
         r = np.sqrt((away * away).sum(axis=1))
         if len(r) and not np.abs(r).min() > ON_AXIS * self.radius:
-            raise MovementError(f"sphere: a point is in its middle, {np.asarray(self.center).tolist()}")
+            raise MovementError(f"sphere: a point is at its centre, {np.asarray(self.center).tolist()}")
         outwards = away / r[:, None]
         hessians = (np.eye(3) - outwards[:, :, None] * outwards[:, None, :]) / r[:, None, None]
         return Levels(r - self.radius, outwards, hessians)

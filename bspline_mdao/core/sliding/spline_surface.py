@@ -77,7 +77,7 @@ class SplineSurface(FixedSurface):
         for direction, parameters in enumerate(self._parameters):
             if not (np.diff(parameters) > 0.0).all():
                 number = int(np.argmin(np.diff(parameters))) + 1
-                raise InputError(f"spline surface: lines {number} and {number + 1} of direction {direction} are one")
+                raise InputError(f"spline surface: lines {number} and {number + 1} of direction {direction} coincide")
 
     @cached_property
     def _parameters(self) -> tuple[np.ndarray, np.ndarray]:

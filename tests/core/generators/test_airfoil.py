@@ -121,17 +121,17 @@ def changed(row, point):
     [
         ("t\n" + changed(10, np.nan), "line 12: nan nan is not finite"),
         ("t\n" + lines(CAMBERED[[*range(10), 11, 10, *range(12, 101)]]), "line 13: .* goes back towards line 11"),
-        ("t\n" + lines(np.insert(CAMBERED, 10, CAMBERED[10], axis=0)), "line 13: .* is that of line 12 again"),
+        ("t\n" + lines(np.insert(CAMBERED, 10, CAMBERED[10], axis=0)), "line 13: .* repeats line 12"),
         (lines(CAMBERED[::20]), "6 points are too few"),
         (lines(CAMBERED[:60]), "open: it begins at .* line 1, and ends at .* line 60"),
         (changed(40, [CAMBERED[40, 0], -0.1]), "line 41: .* 0.08 chords beyond the other side: the sides cross"),
-        (lines(CAMBERED[:20]) + "0.5 O.1\n" + lines(CAMBERED[20:]), "line 21: '0.5 O.1' is no point"),
-        (lines(CAMBERED[:20]) + "0.5\n" + lines(CAMBERED[20:]), "line 21: '0.5' is no point"),
+        (lines(CAMBERED[:20]) + "0.5 O.1\n" + lines(CAMBERED[20:]), "line 21: '0.5 O.1' is not a point"),
+        (lines(CAMBERED[:20]) + "0.5\n" + lines(CAMBERED[20:]), "line 21: '0.5' is not a point"),
         ("t\n 30. 30.\n" + lines(CAMBERED), "line 2: says that there are 30 and 30 points, and 101 follow"),
-        (lines(CAMBERED * [1.0, 0.0]), "its sides are on each other"),
+        (lines(CAMBERED * [1.0, 0.0]), "its sides coincide"),
         (lines(np.column_stack([CAMBERED, CAMBERED[:, 0]]), "{} {} {}"), r"three columns, and the third one varies"),
         ("hello\n", "has no points"),
-        ("a\0b", "is no text of two columns"),
+        ("a\0b", "is not text in two columns"),
     ],
 )
 def test_faults_of_files_name_the_line(tmp_path, text, message):

@@ -489,7 +489,7 @@ SURFACES = {
     "branch": (_branch, "more than two cells meet"),
     "moebius": (_moebius, "turns over"),
     "flat": (_flat_cell, "has no area"),
-    "touching": (_touching, "touch in the point"),
+    "touching": (_touching, "touch only in the point"),
     "volume": (lambda: ball_grid((4, 4, 4, 4)), "a surface is extruded"),
 }
 
@@ -504,7 +504,7 @@ def test_surfaces_that_have_no_sides_are_refused(case):
 def test_periodic_edges_of_other_nodes_are_refused():
     nodes = bumpy_tube(9, np.array([0.0, 0.0, 2.0]))
     nodes[3:20, -1, :2] *= 1.01
-    with pytest.raises(InputError, match="not the same but for a translation"):
+    with pytest.raises(InputError, match="not equal up to a translation"):
         extrude_surface(sheet(nodes), FIRST, layers=8, outer=1.0, symmetry=(), periodic=("z",))
 
 

@@ -120,7 +120,7 @@ def test_points_without_a_closest_one_are_refused():
     tunnel = Cylinder((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 2.0)
     with pytest.raises(MovementError, match=r"cylinder: the point \[3.0, 0.0, 0.0\] is on the axis"):
         closest_on([tunnel], np.array([[3.0, 0.0, 0.0]]))
-    with pytest.raises(MovementError, match="a point is in its middle"):
+    with pytest.raises(MovementError, match="a point is at its centre"):
         closest_on([Sphere((1.0, 2.0, 3.0), 1.0)], np.array([[1.0, 2.0, 3.0]]))
     aside = Plane(np.array([0.0, 0.0, 1.0]), 5.0)
     with pytest.raises(MovementError, match="casing: "):
@@ -144,7 +144,7 @@ def test_points_without_a_closest_one_are_refused():
             "a radius of -2 m in the profile",
         ),
         (lambda: SplineSurface(BARREL[:3]), r"shape \(3, 21, 3\); give shape \(n, m, 3\), rows of 4 points at least"),
-        (lambda: SplineSurface(BARREL[[0, 1, 1, 2, 3]]), "spline surface: lines 2 and 3 of direction 0 are one"),
+        (lambda: SplineSurface(BARREL[[0, 1, 1, 2, 3]]), "spline surface: lines 2 and 3 of direction 0 coincide"),
         (lambda: closest_on([PLANE], np.zeros((3, 2))), r"points of shape \(3, 2\)"),
     ],
 )

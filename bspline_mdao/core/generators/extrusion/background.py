@@ -74,7 +74,7 @@ def _bounding_planes(mesh: SurfaceMesh, rim: Rim) -> list[tuple[np.ndarray, np.n
     """Normals of the planes of symmetry, and nodes in them, (n_nodes, 3); parallel ones together."""
     bounding: list[tuple[np.ndarray, np.ndarray]] = []
     if (rim.kinds == KINDS.index("periodic")).any():
-        raise InputError(f"{mesh.source}: a background around periodic edges is not made; leave it out")
+        raise InputError(f"{mesh.source}: a background around periodic edges is not supported; leave it out")
     for plane in np.unique(rim.planes[rim.kinds == KINDS.index("symmetry")]):
         normal, nodes = rim.normals[plane], mesh.points[np.unique(rim.edges[rim.planes == plane])]
         cosines = [abs(float(normal @ other)) for other, _ in bounding]

@@ -170,7 +170,7 @@ def plate_length(surface: Grid, length: float | None, reynolds: float | None) ->
     if not (np.isfinite(length) and length > 0.0):
         raise InputError(f"extrusion: a length of {length} for the Reynolds number; give a positive one")
     if reynolds is None:
-        raise InputError("extrusion: a length, but no Reynolds number that it is of; give both or none")
+        raise InputError("extrusion: a length, but no Reynolds number; give both or none")
     return length
 
 

@@ -24,7 +24,7 @@ def layer_heights(
 ) -> np.ndarray:  # (layers,), heights (m)
     """Heights of layers from two of the number of layers, their growth and the outer distance."""
     if outer is not None and not (np.isfinite(outer) and outer > 0.0):
-        raise InputError(f"extrusion: outer distance {outer!r}; give a length that is positive")
+        raise InputError(f"extrusion: outer distance {outer!r}; give a positive length")
     if layers is not None and layers < 1:
         raise InputError(f"extrusion: {layers} layers; give 1 or more")
     if growth is not None and not 1.0 <= growth <= LARGEST_GROWTH:

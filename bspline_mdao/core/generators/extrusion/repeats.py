@@ -41,7 +41,7 @@ class Repeats:
         distance, nearest = cKDTree(mesh.points[low]).query(mesh.points[high] - shift)
         if len(low) != len(high) or distance.max() > REPEATED * lengths(shift):
             raise InputError(
-                f"{mesh.source}: periodic edges with {len(low)} and {len(high)} nodes are not the same but for a "
+                f"{mesh.source}: periodic edges with {len(low)} and {len(high)} nodes are not equal up to a "
                 f"translation; give them the same nodes"
             )
         times = np.concatenate([self.times, np.zeros((len(self.times), 1), np.int64)], axis=1)

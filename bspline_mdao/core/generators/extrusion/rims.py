@@ -71,8 +71,8 @@ class Rim:
         inside &= leaves & (self.kinds == 0)
         if not inside.any():
             raise InputError(
-                f"{mesh.source}: no edge of the surface's rim lies in a plane of normal {plane} at its end, as was "
-                f"asked ({kind}); leave that out, or close the surface up to the plane"
+                f"{mesh.source}: no edge of the surface's rim lies in a plane of normal {plane} at its end, as "
+                f"requested ({kind}); leave that out, or close the surface up to the plane"
             )
         return self._marked(inside, kind, normal)
 

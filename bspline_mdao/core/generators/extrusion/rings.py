@@ -53,7 +53,7 @@ def fans_of(mesh: SurfaceMesh, repeats: Repeats) -> Fans:
     if bad >= 0:
         x, y, z = mesh.points[repeats.first[bad]]
         raise InputError(
-            f"{mesh.source}: parts of the surface touch in the point ({x:.6g}, {y:.6g}, {z:.6g}) alone; give a surface "
+            f"{mesh.source}: parts of the surface touch only in the point ({x:.6g}, {y:.6g}, {z:.6g}); give a surface "
             f"without such points"
         )
     nodes, shift = np.divmod(nodes[: starts[-1]], repeats.n_shifts)

@@ -188,7 +188,7 @@ def _of_edge(grid: Grid, points: np.ndarray, a: int, b: int, what: str) -> str:
     x, y, z = 0.5 * (points[a] + points[b])
     return (
         f"{grid.source}: {what} at the edge around ({x:.6g}, {y:.6g}, {z:.6g}) {grid.length_unit}; a surface is "
-        f"extruded to one side, so that give one without folds, branches and blocks that come twice"
+        f"extruded to one side; give one without folds, branches and repeated blocks"
     )
 
 
