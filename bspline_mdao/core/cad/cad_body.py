@@ -324,8 +324,8 @@ class CadBody(OneLine):
             alike = [len(a) == len(b) and np.allclose(a, b, atol=SAME_WEIGHT) for a, b in zip(one.knots, two.knots)]
             if one.degrees != two.degrees or not all(alike) or not np.allclose(one.weights, two.weights):
                 raise InputError(
-                    f"{other.source}: its face '{theirs.name}' has other knots than that of {self.source}, so that no "
-                    f"file has what is between them; write its own, or the walls of the moved model"
+                    f"{other.source}: its face '{theirs.name}' has other knots than in {self.source}, so no file has "
+                    f"shapes between them; write its own, or the walls of the moved model"
                 )
         return other._net[self._firsts]
 

@@ -67,7 +67,7 @@ def write_cad_body(path: str | os.PathLike, body: CadBody, units: str | None = N
     form = check_cad_name(path, units)
     require_opencascade()
     if body.origin is None:
-        raise InputError(f"{path}: the faces of {body.source} are of no file; take those of read_cad(file).body")
+        raise InputError(f"{path}: the faces of {body.source} are of no file; take the faces of read_cad(file).body")
     shape, faces = _moved(body, str(path))
     named = [n for n, name in enumerate(body.names) if not name.startswith(NUMBERED)]
     parts, names = [faces[n] for n in named], [body.names[n] for n in named]

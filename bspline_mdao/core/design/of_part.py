@@ -72,8 +72,8 @@ class OfPart(OneLine):
         # what a part's own mesh fixes does not matter: the elimination covers the whole surface
         if self.part.n_points != layout.mesh.n_points:
             raise InputError(
-                f"part of variable '{self.name}': its mesh has {self.part.n_points} points and that of the design "
-                f"surface {layout.mesh.n_points}; make both of one model"
+                f"part of variable '{self.name}': its mesh has {self.part.n_points} points and the design surface's "
+                f"mesh {layout.mesh.n_points}; make both of one model"
             )
         rows = layout.mesh.surface_rows[self.part.surface_ids]
         if (rows < 0).any():

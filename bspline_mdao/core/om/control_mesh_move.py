@@ -139,7 +139,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         """Declare the options."""
         self.options.declare("mover", recordable=False, desc="moves the control mesh behind its surface")
         self.options.declare("rho", default=100.0, desc="sharpness of the bound of the control mesh's corners")
-        types, desc = (Movable, type(None)), "the model, where its splines are to be proved"
+        types, desc = (Movable, type(None)), "the model, if its splines are to be certified"
         self.options.declare("certified", types=types, default=None, recordable=False, desc=desc)
         self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
         self._last: _Move | None = None

@@ -47,8 +47,8 @@ class GridEvaluate(SparseComponent):
     name                role    shape                 units  meaning
     ==================  ======  ====================  =====  =======================================================
     ``control_points``  input   (3 n_control_points)  m      control points, each shared one once, xyz interleaved
-    ``surface``         input   (3 n)                 m      where the nodes of a ``surface``, or those of ``numbers``,
-                                                             are asked to be
+    ``surface``         input   (3 n)                 m      prescribed nodes of a ``surface``, or only ``numbers`` of
+                                                             them
     ``grid``            output  (3 n_nodes)           m      nodes, blocks in file order, each in C order of (i, j, k)
     ==================  ======  ====================  =====  =======================================================
 

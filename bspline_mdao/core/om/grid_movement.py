@@ -153,7 +153,7 @@ class GridMovement(Copied, om.Group):
         self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
         self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")
         self.options.declare("require_valid", types=bool, default=True, desc="refuse inverted cells of the grid")
-        self.options.declare("comoving", types=bool, default=False, desc="outer boundaries go along")
+        self.options.declare("comoving", types=bool, default=False, desc="move outer boundaries with the surface")
         self.options.declare("certify", types=bool, default=False, desc="refuse splines that are proved invalid")
         self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
         desc = "fit the control points to the baseline grid"
@@ -281,8 +281,8 @@ class GridMovement(Copied, om.Group):
         mover, model = self._mover_of_options(), self.options["model"]
         if self.options["comoving"] and not model.carries_all:
             raise InputError(
-                f"{self.msginfo}: comoving=True takes the outer boundary along, and that of {model.source} stays; "
-                f"leave it out"
+                f"{self.msginfo}: comoving=True moves the outer boundary, and the outer boundary of {model.source} "
+                f"stays; leave it out"
             )
         return ComovingFrame(mover) if self.options["comoving"] else mover
 

@@ -82,7 +82,7 @@ def declare_model(
 
 def _name_in_records(options: OptionsDictionary) -> None:
     """Declare the option that names the model in case files."""
-    options.declare(IN_RECORDS, default=_InRecords(options), desc="made by itself: names the model in case files")
+    options.declare(IN_RECORDS, default=_InRecords(options), desc="set automatically: names the model in case files")
 
 
 def named_model(

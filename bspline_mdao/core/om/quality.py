@@ -41,7 +41,7 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
     name                role    shape        units  meaning
     ==================  ======  ===========  =====  ================================================================
     ``grid``            input   (3 n_nodes)  m      nodes, blocks in file order, each in C order of (i, j, k)
-    ``aggregates``      output  (1,) each           the smooth bounds asked for, by the names and meanings in
+    ``aggregates``      output  (1,) each           the requested smooth bounds, names and meanings as in
                                                     `bspline_mdao.grids.cells.aggregates.AGGREGATES`
     ``cell_quality``    output  (n_cells,)          Q of every cell: blocks in order, each in C order of its cells
     ==================  ======  ===========  =====  ================================================================

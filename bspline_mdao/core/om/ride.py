@@ -30,8 +30,8 @@ class Ride(MovedPoints):
     name                role    shape                 units  meaning
     ==================  ======  ====================  =====  =======================================================
     ``control_points``  input   (3 n_control_points)  m      all control points, see `ControlMeshMove`
-    ``wall``            input   (3 n_wall)            m      with ``asked``: where the nodes of the mesh's walls are to
-                                                             be, those of `wall_nodes` on the baseline
+    ``wall``            input   (3 n_wall)            m      with ``asked``: prescribed positions of the mesh's wall
+                                                             nodes, numbered by `wall_nodes`
     ``mesh``            output  (3 n)                 m      nodes of the mesh, under the name ``name``, xyz interleaved
     ==================  ======  ====================  =====  =======================================================
 

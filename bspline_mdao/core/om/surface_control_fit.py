@@ -39,8 +39,8 @@ class SurfaceControlFit(CheckedAlongEdges, om.ExplicitComponent):
     ==========================  ======  =============  =====  ======================================================
     name                        role    shape          units  meaning
     ==========================  ======  =============  =====  ======================================================
-    ``surface``                 input   (3 n)          m      nodes of the `SurfaceGrid`, or those of ``numbers``, xyz
-                                                              interleaved
+    ``surface``                 input   (3 n)          m      nodes of the `SurfaceGrid`, or only ``numbers`` of them,
+                                                              xyz interleaved
     ``surface_control_points``  output  (3 n_surface)  m      control points on the design surface, in the order of the
                                                               mesh's ``surface_ids``
     ==========================  ======  =============  =====  ======================================================

@@ -42,7 +42,7 @@ def test_trimmed_faces_of_a_stranger_go_back_closed_and_valid(tmp_path):
 
 def test_faces_of_no_file_and_other_names_are_refused_and_leave_nothing_behind(tmp_path):
     body = read_cad(foreign_file(tmp_path / "a.step")).body
-    with pytest.raises(InputError, match="are of no file; take those of read_cad"):
+    with pytest.raises(InputError, match="are of no file; take the faces of read_cad"):
         write_cad_body(tmp_path / "b.step", replace(body, origin=None))
     with pytest.raises(InputError, match="no CAD file by its name"):
         write_cad_body(tmp_path / "b.stl", body)

@@ -352,7 +352,7 @@ def test_case_files_name_the_mesh_by_its_checksum_and_file(tmp_path):
 def test_what_a_mesh_has_not_is_refused_in_one_line():
     model = body_model()
     surface = SurfaceGrid.of(model)
-    with pytest.raises(InputError, match="comoving=True takes the outer boundary along, and that of mesh stays"):
+    with pytest.raises(InputError, match="comoving=True moves the outer boundary, and the outer boundary of mesh"):
         om.Problem(GridMovement(model=model, comoving=True), reports=False).setup()
     with pytest.raises(InputError, match="a lattice needs no fit"):
         om.Problem(GridMovement(model=model, fit=True), reports=False).setup()

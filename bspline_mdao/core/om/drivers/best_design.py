@@ -78,7 +78,7 @@ def load_best(problem: om.Problem, cases: str | os.PathLike) -> int:
         for number in np.flatnonzero(history.has_run)
     ]
     if not points:
-        raise InputError(f"{cases}: holds no design that could be analysed; start again")
+        raise InputError(f"{cases}: has no design that could be analysed; start again")
     number, best = _best(points, tolerance)
     model.set(np.clip(best.x, statement.lower, statement.upper))
     return number

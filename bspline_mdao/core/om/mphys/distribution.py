@@ -34,5 +34,5 @@ def nodes_of_rank(
         else:
             here = as_node_numbers(numbers, n, name, pathname)
     if not summed(comm, np.array([len(here)])).any():
-        raise InputError(f"{pathname}: no process gives any of '{name}'; give those of the solver's nodes on each")
+        raise InputError(f"{pathname}: no process gives any of '{name}'; give the solver's node numbers on each")
     return here

@@ -114,7 +114,7 @@ class SurfaceGeometry(Copied, om.Group):
         self.options.declare("surface", default=None, recordable=False, desc="the surface")
         self.options.declare("numbers", default=None, recordable=False, desc="nodes that the solver has")
         self.options.declare("measures", default=(), recordable=False, desc="what is measured of the surface")
-        self.options.declare("point_sets", default={}, recordable=False, desc="points that ride on the surface")
+        self.options.declare("point_sets", default={}, recordable=False, desc="points that move with the surface")
         self.options.declare("generation", default=None, desc="MPhys whose names are used")
 
     def setup(self) -> None:

@@ -56,7 +56,7 @@ class RidingPoints(Copied, om.ExplicitComponent):
         """Declare the options."""
         self.options.declare("name", types=str, desc="name of the set")
         self.options.declare("points", recordable=False, desc="the points on the baseline, m")
-        self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="what they ride on")
+        self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="the surface that moves them")
         self.options.declare("generation", default=None, desc="MPhys whose names are used")
 
     def setup(self) -> None:

@@ -128,7 +128,7 @@ class VolumeWarper(Copied, om.Group):
         self.options.declare("rows", default=None, recordable=False, desc="volume nodes that the solver has")
         self.options.declare("volume_name", default=VOLUME, types=str, desc="name of the volume nodes")
         self.options.declare("require_valid", types=bool, default=True, desc="refuse inverted cells of the grid")
-        self.options.declare("comoving", types=bool, default=False, desc="outer boundaries go along")
+        self.options.declare("comoving", types=bool, default=False, desc="move outer boundaries with the surface")
 
     def setup(self) -> None:
         """Add the components in the order of the chain."""
