@@ -69,23 +69,13 @@ class AlongAxis(OneLine, ABC):
 
 @dataclass(frozen=True, eq=False)
 class AtStations(AlongAxis):
-    """A variable with a value at each station along a reference axis, see `StationSpline`.
-
-    Parameters
-    ----------
-    name, axis, on
-        See `AlongAxis`.
-    stations : int or sequence of float
-        Their number, evenly from the first (0) to the last point of the axis (1), or their positions. A single station
-        is a value for all.
-    order : int
-        Order of the spline between them: 2 linear, 4 cubic.
-    """
+    """A variable with a value at each station along a reference axis, see `StationSpline`."""
 
     neutral: ClassVar[float] = 0.0
 
+    # their number, evenly from the first (0) to the last point of the axis (1), or their positions; one is for all
     stations: int | Sequence[float] = 1
-    order: int = field(default=4, kw_only=True)
+    order: int = field(default=4, kw_only=True)  # of the spline between them: 2 linear, 4 cubic
 
     @property
     def spline(self) -> StationSpline:

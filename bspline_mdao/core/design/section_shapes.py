@@ -72,21 +72,12 @@ class OfSections(OneLine, ABC):
         return Displacement(matrix)
 
     @abstractmethod
-    def shapes(self, parts: np.ndarray, sides: np.ndarray) -> np.ndarray:
-        """Return the heights for a unit of each value.
-
-        Parameters
-        ----------
-        parts : ndarray, shape (n,)
-            Fractions of the chord: 0 at the leading, 1 at the trailing edge.
-        sides : ndarray, shape (n,)
-            1 on the upper side, -1 on the lower one.
-
-        Returns
-        -------
-        ndarray, shape (n, n_values)
-            Heights in one section, in chords, upwards positive.
-        """
+    def shapes(
+        self,
+        parts: np.ndarray,  # (n,), fractions of the chord: 0 at the leading, 1 at the trailing edge
+        sides: np.ndarray,  # (n,), 1 on the upper side, -1 on the lower one
+    ) -> np.ndarray:  # (n, n_values), in chords, upwards positive
+        """Heights in one section for a unit of each value."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,13 +25,7 @@ class Renaming:
 
 
 class Renamed(om.ExplicitComponent):
-    """Copy variables to other names and shapes, with the tags by which MPhys promotes them.
-
-    Options
-    -------
-    pairs : sequence of Renaming
-        The variables.
-    """
+    """Copy variables to other names and shapes, with the tags by which MPhys promotes them."""
 
     def initialize(self) -> None:
         """Declare the options."""
