@@ -1,4 +1,4 @@
-"""The command ``airfoil``: an O- or C-grid about an airfoil, fitted or alone."""
+"""The command ``airfoil``: an O- or C-grid about an airfoil, fitted or not."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .made_grid import MadeGrid, write_made_grid
 from .output import check_outputs, counts_text
 
 CELLS, DENSE, ENOUGH = 4, 2.5, 66
-"""Cells by control points, around where these are few, and control points around that keep any section to 1e-5 chords:
-with fewer the spline leaves the nose."""
+"""Cells per control point, around the airfoil if these are few, and control points around that fit any section to 1e-5
+chords: with fewer the spline leaves the nose."""
 
 THICK_BASE = 0.01
-"""Height of a trailing edge in chords from which on closing it changes the flow, and is warned of."""
+"""Height of a trailing edge in chords above which closing it changes the flow, and a warning is given."""
 
 
 @dataclass(frozen=True)
 class AirfoilOptions:
-    """What else the command takes, see `airfoil_grid`."""
+    """Further options of the command, see `airfoil_grid`."""
 
     around: int
     away: int | None
@@ -48,11 +48,11 @@ def make_airfoil(
     json: Path | None,
     options: AirfoilOptions,
 ) -> None:
-    """Make the grid, fit it if asked, write it and say what it is like."""
+    """Make the grid, fit it if asked, write it and describe it."""
     file = name if Path(name).is_file() else None
     check_outputs([output, json], [file])
     if options.symmetric and not file:
-        raise InputError(f"{name}: is no file, of which --symmetric says that it has one side; leave it out")
+        raise InputError(f"{name}: is not a file, so --symmetric does not apply; leave it out")
 
     def outline() -> Airfoil:
         return read_airfoil(name, options.symmetric) if file else airfoil(name, blunt=options.base == "wall")
@@ -61,7 +61,7 @@ def make_airfoil(
 
 
 def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) -> MadeGrid:
-    """The grid, and what the section is like."""
+    """The grid, and a description of the section."""
     section = outline()
     grid, base, (unit, origin) = _grid(section, options), section.base, unit_of(section)
     numbers = {
@@ -92,7 +92,7 @@ def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) ->
 
 
 def _of_base(base: float, options: AirfoilOptions) -> tuple[bool, list[str]]:
-    """What becomes of a blunt trailing edge, and whether to warn of it."""
+    """Treatment of a blunt trailing edge, and whether to warn of it."""
     if not base:
         return False, []
     thick = f"the trailing edge is {100.0 * base:.3g} % thick: it is"
@@ -126,7 +126,7 @@ def _nodes_text(grid: Grid) -> str:
 
 
 def _fitted(grid: Grid) -> FittedModel:
-    """Fit the grid with as many control points as keep the nose."""
+    """Fit the grid with enough control points to keep the nose."""
     walls = {window.block for patch in grid.patches if patch.name == "airfoil" for window in patch.windows}
     counts = [
         (_around(along) if block in walls else _others(along), _others(away), 2)

@@ -24,9 +24,9 @@ from .output import (
 def write_cad_file(
     model: Path,  # fitted model
     output: Path,  # output, json: CAD file and numbers to write
-    tolerance: float | None,  # largest distance (m) from the walls where they are refitted
+    tolerance: float | None,  # largest distance (m) from the walls if they are refitted
     units: str,  # unit of length of the file
-    patch: tuple[str, ...],  # patches by name or pattern; all walls where there is none
+    patch: tuple[str, ...],  # patches by name or pattern; all walls if empty
     json: Path | None,
 ) -> None:
     """Write the walls of a model as B-spline surfaces."""
@@ -61,7 +61,7 @@ def cad_numbers(report: CadReport) -> dict:
 
 
 def show_cad(report: CadReport) -> None:
-    """Print what was written, and what was read back."""
+    """Print what was written, and the result of reading it back."""
     n, n_open = len(report.faces), report.n_open - report.n_on_symmetry
     exact = f"{report.n_exact} of {counted(n, 'face')} exact"
     refitted = "" if report.n_exact == n else f", the others refitted to {report.tolerance:.2g} m"

@@ -1,10 +1,10 @@
 """The commands and their options.
 
-Those that make grids are in `making_commands`, those of studies in `study_commands`, those that look at results in
+Commands that make grids are in `making_commands`, commands of studies in `study_commands`, commands for results in
 `result_commands`.
 
-To add a command, write its function here and its file beside this one. What a command needs is imported when it runs,
-and takes the options by their names, so that ``--help`` is quick and nothing is named twice.
+To add a command, write its function here and its file next to this one. A command imports what it needs when it runs,
+and takes its options by name, so ``--help`` is fast and nothing is named twice.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ __all__ = [
 ]
 
 SHELLS = ("bash", "zsh", "fish")
-"""Shells that commands can be completed in."""
+"""Shells with completion of commands."""
 
 DEFORM = (
     "Deformation of the design surface, such as twist=10deg, bend=120deg@0.7, stretch=2, chord, thickness, sweep, "
@@ -51,7 +51,7 @@ DEFORM = (
     "translate=0.1/0/0, bumps=0.01,seed=1, ffd=box.xyz,to=moved.xyz, cad=wing.step,to=moved.step; or a file of its new "
     "control points (.csv, .npy). May be repeated; deformations are applied in order."
 )
-"""Help of the option that deforms."""
+"""Help of the option for deformations."""
 
 
 @command("inspect wing.xyz --draft wing.toml")
@@ -338,7 +338,7 @@ def completion(shell: str) -> None:
     Append it to a file that SHELL reads when it starts: ~/.bashrc, ~/.zshrc or the completions of fish.
     """
     found = shell_completion.get_completion_class(shell)
-    assert found is not None  # SHELLS are those that there are
+    assert found is not None  # SHELLS are the available ones
     click.echo(found(bspline_mdao, {}, PROGRAM, f"_{PROGRAM.replace('-', '_').upper()}_COMPLETE").source())
 
 

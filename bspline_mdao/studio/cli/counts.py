@@ -1,4 +1,4 @@
-"""The option that asks for numbers of control points, of all blocks and of single ones."""
+"""The option for numbers of control points, of all blocks or of single ones."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Counts = tuple[int, int, int]
 
 
 class BlockCounts(click.ParamType):
-    """Control points per direction as ``IxJxK``, or those of one block as ``BLOCK=IxJxK``."""
+    """Control points per direction as ``IxJxK``, or for one block as ``BLOCK=IxJxK``."""
 
     name = "counts"
 
@@ -28,7 +28,7 @@ class BlockCounts(click.ParamType):
 def _by_block(
     context: click.Context, param: click.Parameter, values: Sequence[tuple[str | None, Counts]]
 ) -> dict[str | None, Counts] | None:
-    """Collect what is asked for by blocks; None where nothing is."""
+    """Collect the requested numbers by block; None if there are none."""
     found: dict[str | None, Counts] = {}
     for block, counts in values:
         if block in found:

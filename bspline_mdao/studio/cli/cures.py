@@ -1,7 +1,7 @@
-"""What cures a move that inverts cells: other options, tried one after the other, and none named that was not.
+"""Cures of a move that inverts cells: other options, tried one after another; only tried ones are suggested.
 
-What is tried first lets go of the boundary that inverted cells lie on. Each trial makes the whole move once more; the
-first that inverts no cell is the last, and there are five at most.
+The first trials release the boundary on which inverted cells lie. Each trial repeats the whole move; the first that
+inverts no cell is the last, and there are at most five.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from .movers import MoverOptions
 __all__ = ["Trial", "proposals", "try_cures", "verdict"]
 
 MANY = 10
-"""Increments of elasticity that are tried: a control mesh that tangles with fewer may not."""
+"""Increments of elasticity to try: a control mesh that tangles with fewer may not tangle."""
 
 LET_GO = ("farfield", "other")
-"""Kinds of patches that may be released without changing the shape of a body or of the flow's symmetry."""
+"""Kinds of patches that can be released without changing the shape of a body or the flow's symmetry."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What to type for other options, and how many cells they invert; None where they cannot be used."""
+    """Text to type for other options, and the number of cells that they invert; None if they cannot be used."""
 
     text: str
     n_inverted: int | None
@@ -43,10 +43,10 @@ class Trial:
 def proposals(
     options: Any,  # how the move was made
     topology: Topology,  # the patches of the grid
-    mesh: MovingMesh,  # what was moved
-    adjacent: Sequence[str],  # patches that inverted cells lie on
+    mesh: MovingMesh,  # the moved mesh
+    adjacent: Sequence[str],  # patches on which inverted cells lie
 ) -> Iterator[tuple[str, Any]]:
-    """Yield what to type, and the options with it: changes that may cure a move, none of them in use already."""
+    """Yield text to type, and the options with it: changes that may cure a move and are not yet in use."""
     free = _following(topology, mesh)
     yield from _boundary(options, topology, [name for name in adjacent if name not in free])
     mover = options.mover
@@ -66,7 +66,7 @@ def proposals(
 
 
 def _following(topology: Topology, mesh: MovingMesh) -> set[str | None]:
-    """Patches all of whose faces follow the design surface: they have nothing to be released."""
+    """Patches whose faces all follow the design surface: there is nothing to release."""
     free = [ids for _, ids in mesh.following]
     follows = np.isin(np.arange(mesh.n_points), np.concatenate([np.zeros(0, dtype=int), *free]))
     parts = list(boundary_points(topology, mesh.blocks))
@@ -74,7 +74,7 @@ def _following(topology: Topology, mesh: MovingMesh) -> set[str | None]:
 
 
 def _boundary(options: Any, topology: Topology, adjacent: Sequence[str]) -> Iterator[tuple[str, Any]]:
-    """Let go of patches that are fixed or slide, and let walls that are not deformed slide where they are planar."""
+    """Release patches that are fixed or slide, and let undeformed planar walls slide."""
     kinds = {face.patch: face.kind for face in topology.boundary}
     taken = matching_patches(topology, (*(options.design or wall_patches(topology)), *options.release))
     left = [name for name in adjacent if name not in taken]
@@ -113,7 +113,7 @@ def try_cures(
 
 
 def verdict(trials: Sequence[Trial]) -> str:
-    """Say what cures a move, as found by trying, or that nothing that was tried does."""
+    """Say what cures a move, as found by trying, or that nothing tried does."""
     cures = [trial.text for trial in trials if trial.n_inverted == 0]
     others = ", ".join(str(trial) for trial in trials if trial.n_inverted != 0)
     if cures:

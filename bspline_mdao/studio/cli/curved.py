@@ -1,4 +1,4 @@
-"""Curved hexahedra as commands measure and show them: Jacobians, and what is proved of them."""
+"""Measures of curved hexahedra in commands: Jacobians, and their certificate."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class CurvedMeasures:
     """Curved elements, and the Jacobians of each."""
 
     grid: CurvedGrid  # the elements
-    worst: np.ndarray  # (n,), smallest Jacobian of each, by its largest
-    status: np.ndarray  # (n,), what is proved of it
+    worst: np.ndarray  # (n,), smallest Jacobian of each, relative to its largest
+    status: np.ndarray  # (n,), what is proved about it
 
     @classmethod
     def of(cls, grid: CurvedGrid) -> CurvedMeasures:
@@ -30,7 +30,7 @@ class CurvedMeasures:
 
     @property
     def is_inverted(self) -> np.ndarray:
-        """Elements whose Jacobian is not positive somewhere, shape (n,)."""
+        """Elements whose Jacobian is not positive everywhere, shape (n,)."""
         return (self.worst <= 0.0) | (self.status == INVALID)
 
     @property
@@ -40,7 +40,7 @@ class CurvedMeasures:
 
     @property
     def at(self) -> int:
-        """The worst element, one that is inverted where there are some."""
+        """The worst element, an inverted one if there are any."""
         return int(np.argmin(np.where(self.is_inverted, self.worst - 2.0, self.worst)))
 
     def numbers(self) -> dict[str, Any]:
@@ -55,7 +55,7 @@ class CurvedMeasures:
         }
 
     def show(self, name: str, where: str, notes: tuple[str, ...] = ()) -> None:
-        """Print what a file has and what its elements are like; ``where`` is the worst one, notes are warnings."""
+        """Print the contents of a file and measures of its elements; ``where`` is the worst one, notes are warnings."""
         grid, numbers = self.grid, self.numbers()
         elements = counted(len(grid.elements), "curved hexahedron", "curved hexahedra")
         print_title(f"{name}: {elements} of degree {grid.degree}, {counted(len(grid.nodes), 'node')}")
@@ -76,7 +76,7 @@ class CurvedMeasures:
 
 
 def measure_curved(name: str, grid: CurvedGrid, json: Path | None, comm: Any) -> None:
-    """Show what curved elements of a file are like, and write the numbers."""
+    """Show measures of the curved elements of a file, and write the numbers."""
     with progress_bar() as progress:
         progress(0.3, "measuring")
         found = CurvedMeasures.of(grid)

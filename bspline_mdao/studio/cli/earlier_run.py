@@ -1,4 +1,4 @@
-"""The run that another one goes on from: where its cases are, and whether they are of the same problem."""
+"""The run that a restart continues: where its cases are, and whether they belong to the same problem."""
 
 from __future__ import annotations
 
@@ -15,23 +15,9 @@ __all__ = ["earlier_cases", "killed_cases"]
 
 
 def earlier_cases(folder: RunFolder, study: Study) -> Path:
-    """Find the case file that a run goes on from: the last one with cases, of the results or of a run that was killed.
+    """Find the case file to continue from: the last one with cases, of the results or of a killed run.
 
-    Parameters
-    ----------
-    folder : RunFolder
-        Folder of the results.
-    study : Study
-        The study.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    InputError
-        If there is none, it cannot be read, or the study poses another problem than its run.
+    Raises `InputError` if there is none, it cannot be read, or the study is not the problem of its run.
     """
     of_run = {folder.path / CASES: folder.path, **_killed(folder)}
     files = sorted((file for file in of_run if file.is_file()), key=lambda file: file.stat().st_mtime, reverse=True)
@@ -39,14 +25,14 @@ def earlier_cases(folder: RunFolder, study: Study) -> Path:
         if count_cases(file):
             read_history(file)
             about = about_run(of_run[file])
-            if about:  # not where the script was run by itself: its responses and variables are compared all the same
+            if about:  # not if the script was run on its own: its responses and variables are compared all the same
                 check_same_problem(study, about, str(folder.path))
             return file
     raise InputError(f"{folder.path}: has no recorded case to continue from; leave out --restart to begin")
 
 
 def killed_cases(folder: RunFolder) -> int:
-    """Number of cases of runs that were killed in a folder, as far as they can be read."""
+    """Number of cases of killed runs in a folder, as far as they can be read."""
     found = 0
     for file in _killed(folder):
         try:
@@ -57,5 +43,5 @@ def killed_cases(folder: RunFolder) -> int:
 
 
 def _killed(folder: RunFolder) -> dict[Path, Path]:
-    """Case files of runs that were killed, with their private folders."""
+    """Case files of killed runs, with their private folders."""
     return {place / RESULTS / CASES: place for place in folder.left_behind()}

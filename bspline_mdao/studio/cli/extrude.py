@@ -20,7 +20,7 @@ def extrude_file(
     surface: Path,  # file of the surface grid
     output: Path,  # output, json: model or grid, and numbers to write
     json: Path | None,
-    units: str | None,  # unit of lengths, where the file does not say it
+    units: str | None,  # unit of lengths, if the file does not say it
     **options: Any,  # see `_made`
 ) -> None:
     """Extrude a surface, fit the volume grid if asked, write it and show its quality."""
@@ -40,7 +40,7 @@ def _made(
     periodic: Sequence[str],
     **options: Any,  # see `extrude_surface`
 ) -> MadeGrid:
-    """The grid, and what it has become of the surface."""
+    """The grid, and a description of how it came from the surface."""
     sheet = load_grid(str(surface), is_lifted=False, units=units)
     plate = plate_length(sheet, length, reynolds)
     height = first_cell_of(plate, first_cell, y_plus, reynolds)

@@ -48,7 +48,7 @@ from .sources import file_of, load_grid, stored_grid
 from .words import PROGRAM
 
 KEPT = "the model keeps what its splines miss: unmoved, it gives the grid that was read"
-"""Said of the errors of a fit, which are no errors of the grid."""
+"""Remark on the errors of a fit, which are not errors of the grid."""
 
 
 def fit_model(
@@ -57,7 +57,7 @@ def fit_model(
     json: Path | None = None,
     *,
     patches: Path | None = None,  # patches of the grid
-    # control points per direction by number or name of a block; of all others for None
+    # control points per direction by number or name of a block; key None: of all others
     n_control: dict[str | None, tuple[int, int, int]] | None = None,
     order: int | None = None,  # order of the B-splines
     correct: int = 0,  # cycles of parameter correction
@@ -68,27 +68,27 @@ def fit_model(
     no_residual: bool = False,
     no_wall_layer: bool = False,
     no_certify: bool = False,  # do not prove which elements of the splines are valid everywhere
-    units: str | None = None,  # unit of lengths, where the file does not say it
-    lattice: bool | None = None,  # move all blocks by one lattice in the background; by default those that overlap
-    # of such a lattice: width of the spans around walls (m), and how many each body has
+    units: str | None = None,  # unit of lengths, if the file does not say it
+    lattice: bool | None = None,  # move all blocks by one background lattice; by default if they overlap
+    # for such a lattice: width of the spans around walls (m), and how many each body has
     spacing: float | None = None,
     spans: float | None = None,
-    moves: Sequence[str] = (),  # deformations that such a lattice is refined for
+    moves: Sequence[str] = (),  # deformations for which such a lattice is refined
 ) -> None:
-    """Fit a grid, write the model and show how good it is."""
-    # Several processes read, fit and write whole blocks each.
+    """Fit a grid, write the model and show the quality of the fit."""
+    # Each of several processes reads, fits and writes whole blocks.
     comm = world()
     check_outputs([output, json], [file_of(grid_name), patches], comm)
     if output.suffix != MODEL:
         raise InputError(f"{output}: a fitted model is an HDF5 file; name it .h5")
     if lattice and not file_of(grid_name):
-        raise InputError(f"{grid_name}: is in no file, in which --lattice would write moved nodes; leave it out")
+        raise InputError(f"{grid_name}: is not in a file, but --lattice writes moved nodes into one; leave it out")
     is_bare = bool(file_of(grid_name)) and is_mesh(grid_name)
     if is_bare and lattice is False:
         raise InputError(f"{grid_name}: is an unstructured mesh, which a lattice moves; leave out --no-lattice")
 
     def lay(read: Callable[[], tuple[MixedMesh, dict[str, MarkerGuess]]]) -> None:
-        """Lay a lattice around what is read."""
+        """Build a lattice around the mesh that is read."""
         fit_mesh(grid_name, output, json, read, asked_settings(spacing, spans), moves)
 
     if lattice or is_bare:
@@ -108,7 +108,7 @@ def fit_model(
         return
     for name, value in (("spacing", spacing), ("spans", spans), ("for", moves or None)):
         if value is not None:
-            raise InputError(f"{grid_name}: is a grid of blocks; --{name} is of the lattice of --lattice")
+            raise InputError(f"{grid_name}: is a grid of blocks; --{name} needs --lattice")
     options: dict[str, Any] = {
         "n_control": n_control,
         "order": order,
@@ -127,7 +127,7 @@ def fit_model(
         else:
             model = fit_blocks(grid, comm, topology=topology, progress=progress, **options)
     show_report(model)
-    sys.stdout.flush()  # the kernels of the proof are those that take longest to compile
+    sys.stdout.flush()  # the kernels of the proof take longest to compile
     certificate = None
     if not no_certify:
         with progress_bar() as progress:
@@ -143,9 +143,9 @@ def _fit_overlapping(
     topology: Topology,
     grid_name: str,
     are_declared: bool,  # whether a file declares its patches
-    lay: Callable[[Callable[[], tuple[MixedMesh, dict[str, MarkerGuess]]]], None],  # lays a lattice around what is read
+    lay: Callable[[Callable[[], tuple[MixedMesh, dict[str, MarkerGuess]]]], None],  # builds a lattice
 ) -> bool:
-    """Fit blocks by one lattice if they are component grids that overlap; say whether they are."""
+    """Fit blocks by one lattice if they are overlapping component grids; return whether they are."""
     grid = grid.grid() if isinstance(grid, StoredGrid) else grid
     overlap = overlap_of(grid, topology)
     if overlap:
@@ -160,7 +160,7 @@ def splines_certificate(model: FittedModel | FittedBlocks) -> Certificate:
 
 
 def _warn_of_patches(grid: Grid | StoredGrid, grid_name: str) -> None:
-    """Say before the fit what will not be possible with its model, where no patch is a wall."""
+    """Warn before the fit of what its model will not allow, if no patch is a wall."""
     if not grid.patches:
         print_warnings(
             [
@@ -256,7 +256,7 @@ def show_report(model: FittedModel | FittedBlocks) -> None:
     if report.raised is not None:
         print_lines(
             [
-                f"control points were added along grid lines that were missed: {report.raised.n_control_points:,} of "
+                f"control points were added along poorly fitted grid lines: {report.raised.n_control_points:,} of "
                 f"them would miss up to {report.raised.in_widths:.3g} widths of cells"
             ]
         )
@@ -268,14 +268,14 @@ def show_report(model: FittedModel | FittedBlocks) -> None:
 
 
 def _local_lines(report: FitReport) -> list[str]:
-    """Say where the error is largest by the width of the cells."""
+    """Say where the error is largest relative to the width of the cells."""
     places = {"anywhere": report.worst_local, "on walls": report.worst_on_walls}
     found = [f"{where} {error}" for where, error in places.items() if error]
     return [f"largest by the width of the cells there: {'; '.join(found)}"] if found else []
 
 
 def _fallback_lines(report: FitReport, fallback: Fallback, unit: str) -> list[str]:
-    """Say what the control points are, and what least squares would be."""
+    """Say what the control points are, and the errors of least squares."""
     counts = ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in zip(CANDIDATES, fallback.n_points) if n)
     lines = [f"control points, by what most of each is: {counts}"]
     if fallback.least_squares_rms is not None and fallback.least_squares_invalid is not None:

@@ -1,4 +1,4 @@
-"""The command ``improve``: a grid of the same surface whose worst cells are better."""
+"""The command ``improve``: a grid of the same surface with better worst cells."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class ImproveOptions:
     patches: Path | None = None  # patches of a grid that is not a model
     # control points per direction of blocks of such a grid, see `bspline_mdao.studio.cli.counts`
     n_control: dict[str | None, tuple[int, int, int]] | None = None
-    reach: float = 0.4  # how far control points may go, by the distance to their nearest neighbours
-    height_tolerance: float = 0.01  # by how much the heights of first cells at walls may change
+    reach: float = 0.4  # how far control points may move, relative to the distance to their nearest neighbours
+    height_tolerance: float = 0.01  # relative change allowed for the heights of first cells at walls
     slide: tuple[str, ...] = ()  # patches whose nodes slide in their planes
     iterations: int = ITERATIONS  # iterations of the optimiser in each round
-    units: str | None = None  # unit of lengths of such a grid, where its file does not say it
+    units: str | None = None  # unit of lengths of such a grid, if its file does not say it
 
 
 def improve(
@@ -48,7 +48,7 @@ def improve(
     json: Path | None,
     options: ImproveOptions,  # what may move, and how far
 ) -> None:
-    """Raise the worst cells of a grid at fixed surface and write the grid."""
+    """Improve the worst cells of a grid with a fixed surface and write the grid."""
     check_outputs([output, json], [file_of(grid_name), options.patches])
     with progress_bar() as progress:
         progress(0.0, "reading")
@@ -72,10 +72,10 @@ def improve(
 
 
 def _model(grid_name: str, options: ImproveOptions, progress: Progress) -> FittedModel:
-    """The fitted model of a file, or that of a grid."""
+    """The fitted model of a file, or a fit of a grid."""
     if Path(grid_name).suffix != MODEL:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FitWarning)  # the control mesh is a measure of displacements alone here
+            warnings.simplefilter("ignore", FitWarning)  # the control mesh only measures displacements here
             return fit_grid(
                 load_grid(grid_name, options.patches, units=options.units),
                 n_control=options.n_control,

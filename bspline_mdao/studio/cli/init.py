@@ -62,7 +62,7 @@ def draft_study(
 
 
 def _grid_body(grid_name: str, patches: Path | None, progress: Progress) -> GridBody:
-    """Walls of a grid of blocks, or of what was fitted."""
+    """Walls of a grid of blocks, or of its fitted model."""
     file = file_of(grid_name)
     model = FittedModel.load(file) if file and Path(file).suffix == MODEL else None
     grid = model.regenerate() if model else load_grid(grid_name, patches)
@@ -72,24 +72,24 @@ def _grid_body(grid_name: str, patches: Path | None, progress: Progress) -> Grid
         return GridBody(grid, topology)
     except InputError:
         raise InputError(
-            f"{grid_name}: no patch is a wall, so that there is nothing to design; draft patches by 'bspline-mdao "
+            f"{grid_name}: no patch is a wall, so there is nothing to design; draft patches by 'bspline-mdao "
             f"inspect {grid_name} --draft patches.toml', check them, and give --patches patches.toml"
         ) from None
 
 
 def _mesh_body(name: str, patches: Path | None) -> MeshBody:
-    """Walls of a mesh without structure, or of its model."""
+    """Walls of an unstructured mesh, or of its model."""
     return MeshBody(MeshModel.load(name) if Path(name).suffix == MODEL else fit_mesh(name, patches))
 
 
 def _mesh_file(name: str) -> str:
-    """A mesh's own file, where it is still there; empty where it is not."""
+    """A mesh's own file, if it still exists; otherwise empty."""
     file = mesh_file_in(name) if Path(name).suffix == MODEL else name
     return file if Path(file).is_file() else ""
 
 
 def _relative_to(file: str | Path | None, output: Path) -> str | None:
-    """Name a file as seen from the folder of the study."""
+    """Path of a file relative to the folder of the study."""
     if file is None:
         return None
     try:

@@ -1,6 +1,6 @@
 """The command ``inspect``: topology and walls of a grid, the fit of a model, and the draft of a patches file.
 
-Meshes without structure are for `meshes`.
+Unstructured meshes are in `meshes`.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ def inspect_grid(
     draft: Path | None,  # draft, json: TOML file of patches to start from, and numbers, to write
     json: Path | None,
     reynolds: float | None = None,  # reynolds number per unit of length, for an estimate of y+
-    units: str | None = None,  # unit of lengths, where the file does not say it
+    units: str | None = None,  # unit of lengths, if the file does not say it
 ) -> None:
-    """Find the topology of a grid and show it; of a model also how well it is fitted."""
+    """Find the topology of a grid and show it, for a model with the quality of its fit."""
     if file_of(grid_name) and is_mesh(grid_name):
         inspect_mesh(grid_name, patches, draft, json, reynolds, units)
         return
@@ -90,17 +90,17 @@ def inspect_grid(
         show_guesses(grid, guesses, certainties)
         print_lines([f"{draft} written: give the faces their names and kinds, then pass it as --patches {draft}"])
     elif guesses:
-        print_lines(["boundary that nobody declared is guessed at; --draft FILE.toml shows how, and how sure it is"])
+        print_lines(["undeclared boundary is guessed; --draft FILE.toml shows the guesses and how sure they are"])
 
 
 def write_draft(
-    path: Path,  # file to make or to replace
+    path: Path,  # file to create or to replace
     grid: Grid,  # the grid
     declared: Sequence[Patch],  # declared, guesses: its patches, and guessed ones
     guesses: Sequence[Patch],
     certainties: Sequence[Certainty],  # how sure each guess is
 ) -> None:
-    """Write a TOML file with what is declared, and a guess at the rest of the boundary."""
+    """Write a TOML file with the declared patches, and a guess at the rest of the boundary."""
     remarks = {
         patch.name: f"{certainty.level}: {describe(certainty.window, grid)}, {certainty.reason}"
         for patch, certainty in zip(guesses, certainties)
@@ -110,20 +110,20 @@ def write_draft(
 
 
 def show_guesses(grid: Grid, guesses: Sequence[Patch], certainties: Sequence[Certainty]) -> None:
-    """Print what was guessed, how sure it is, and why, for the face of each patch that is least so."""
+    """Print the guesses, their certainty, and the reason for the least certain face of each patch."""
     rows = [
         (patch.name, patch.kind, *sure.n_windows.values(), f"{describe(sure.window, grid)}: {sure.reason}")
         for patch, sure in zip(guesses, certainties)
     ]
     if rows:
-        print_lines(["guesses at what nobody declared, by the number of faces, and why of the least sure one:"])
+        print_lines(["guesses at undeclared boundary, by the number of faces, and the reason for the least sure one:"])
         print_table(["guess", "kind", *SURENESS, "least sure"], rows)
     if "wall" not in {patch.kind for patch in (*grid.patches, *guesses)}:
         print_warnings(["no face looks like a wall, so nothing would move; give one the kind wall in the draft"])
 
 
 def _with_guesses(grid: Grid, guesses: Sequence[Patch]) -> Grid:
-    """The grid with guessed patches under names that say so."""
+    """The grid with guessed patches, whose names say so."""
     named = (replace(patch, name=f"{patch.name.removesuffix('_guessed')} (guessed)") for patch in guesses)
     return replace(grid, patches=(*grid.patches, *named))
 
@@ -136,7 +136,7 @@ def _guess_numbers(patch: Patch, certainty: Certainty) -> dict:
 
 
 def _boundary_windows(patch: Patch, topology: Topology) -> tuple[Window, ...]:
-    """Windows of a declared patch that are boundary: without those of kind other on which blocks meet."""
+    """Windows of a declared patch on the boundary: without windows of kind other on which blocks meet."""
     return tuple(face.window for face in topology.boundary if face.patch == patch.name)
 
 
@@ -197,12 +197,12 @@ def show_grid(grid: Grid, topology: Topology, guesses: Sequence[Patch]) -> None:
 
 
 def describe(window: Window, grid: Grid) -> str:
-    """Name a face window: block, face and, where it covers only a part, the node ranges from 1."""
+    """Name a face window: block, face and, if it covers only a part, the node ranges from 1."""
     return named(window, grid.shapes[window.block])
 
 
 def _periodic(grid: Grid, topology: Topology) -> tuple[PeriodicPair, ...]:
-    """Pairs of periodic windows: those that the file declares, and those found where nobody declared a kind."""
+    """Pairs of periodic windows: declared in the file, and found if nobody declared a kind."""
     declared = [window for pair in grid.periodic for window in (*pair.windows, *pair.others)]
     windows = (face.window for face in topology.boundary if face.kind in (None, "other"))
     bare = [window for window in windows if not any(other.contains(window) for other in declared)]
@@ -217,7 +217,7 @@ def _describe_pair(pair: PeriodicPair, grid: Grid) -> str:
 
 
 def _describe_miss(miss: NearMiss, grid: Grid) -> str:
-    """Say which faces nearly meet, and how far they are apart."""
+    """Say which faces nearly meet, and how far apart they are."""
     other = f" and {describe(miss.other, grid)}" if miss.other else ""
     return (
         f"near miss: {describe(miss.window, grid)}{other} are {miss.gap:.3g} {grid.length_unit} apart where "
@@ -238,7 +238,7 @@ def _block_rows(grid: Grid, topology: Topology) -> list[tuple]:
 
 
 def _patch_rows(grid: Grid, topology: Topology, guesses: Sequence[Patch]) -> list[tuple]:
-    """One row per declared patch, one for the interfaces that it covers, one per guess at what belongs to none."""
+    """One row per declared patch, one for the interfaces it covers, and one per guess at undeclared faces."""
     sides = [side for interface in topology.interfaces for side in (interface.a, interface.b)]
     rows = []
     for patch in grid.patches:

@@ -1,4 +1,4 @@
-"""Standard output that may end before a command does: what a run writes to files is worth more than what it prints."""
+"""Standard output that may end before a command does: the files that a run writes are worth more than its output."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["drop_stdout", "lasting_stdout"]
 
 @contextmanager
 def lasting_stdout() -> Iterator[None]:
-    """Let a command go on where standard output is closed, as by ``| head``, or its disk is full; one line says so."""
+    """Let a command continue if standard output is closed, as by ``| head``, or its disk is full; one line says so."""
     before = sys.stdout
     sys.stdout = _Lasting(before)  # type: ignore[assignment]
     try:
@@ -24,12 +24,12 @@ def lasting_stdout() -> Iterator[None]:
 
 
 def drop_stdout() -> None:
-    """Let whatever else is printed, and what the interpreter flushes at its exit, go nowhere."""
+    """Discard further output, including what the interpreter flushes at its exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stdout__.fileno())  # type: ignore[union-attr]
 
 
 class _Lasting:
-    """A stream whose errors are no errors of what is printed to it."""
+    """A stream that ignores errors of writing."""
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
@@ -46,7 +46,7 @@ class _Lasting:
             return len(text)
 
     def flush(self) -> None:
-        """Write what was kept back, or drop it."""
+        """Flush the buffer, or drop it."""
         try:
             self._stream.flush()
         except OSError as error:

@@ -1,4 +1,4 @@
-"""The command ``live``: a model in a browser, deformed while one looks on."""
+"""The command ``live``: a model in a browser, deformed interactively."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ __all__ = ["LiveOptions", "open_live"]
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """Options of the command ``live``; those of movement are as of ``move``."""
+    """Options of the command ``live``; options of movement are as in ``move``."""
 
     output: Path = Path(".")  # folder of files that the page writes
-    host: str = LOOPBACK  # address that is listened on
-    port: int = 0  # one that is free with 0
+    host: str = LOOPBACK  # address to listen on
+    port: int = 0  # 0 for a free one
     has_browser: bool = True  # whether a browser is opened
-    deform: tuple[str, ...] = ()  # deformations that get a slider, up to what is given
+    deform: tuple[str, ...] = ()  # deformations that get a slider, up to the given value
     design: tuple[str, ...] = ()
     slide: tuple[str, ...] = ()
     fix: tuple[str, ...] = ()
@@ -60,7 +60,7 @@ def open_live(file: Path, options: LiveOptions) -> None:
 def _of_model(file: Path, options: LiveOptions) -> LiveModel:
     """Take a fitted model, with deformations by name."""
     if is_mesh_model(file):
-        raise InputError(f"{file}: is of an unstructured mesh, which live does not show; see move and report")
+        raise InputError(f"{file}: is a model of an unstructured mesh, which live does not show; see move and report")
     model = FittedModel.load(file)
     if not model.header.patches:
         raise InputError(f"{file}: its grid has no patches, so nothing says what moves; fit it again with --patches")
@@ -72,5 +72,5 @@ def _of_study(file: Path, options: LiveOptions) -> LiveModel:
     """Take the grid of a study, with its variables."""
     of_models = ("deform", "design", "fix", "release", "slide", "mover")
     if given := [name for name in of_models if getattr(options, name) != getattr(LiveOptions(), name)]:
-        raise InputError(f"{file}: a study says by itself what moves and how; leave out --{given[0]}")
+        raise InputError(f"{file}: a study defines what moves and how; leave out --{given[0]}")
     return studied_model(file)

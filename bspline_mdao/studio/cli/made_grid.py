@@ -1,4 +1,4 @@
-"""A grid that a command has made: fitted or alone, written, and shown with its cells and walls."""
+"""A grid made by a command: fitted or not, written, and shown with its cells and walls."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from .output import print_lines, print_title, print_warnings, show_spacings, spa
 __all__ = ["MadeGrid", "write_made_grid"]
 
 NEAR = 0.01
-"""Relative difference of heights from what was asked that is named."""
+"""Relative difference between heights and their target above which it is reported."""
 
 
 @dataclass(frozen=True)
 class MadeGrid:
-    """A grid that was made, and what is said about it."""
+    """A grid that was made, and its description."""
 
     grid: Grid
     title: str
-    lines: Sequence[str]  # what it is about
+    lines: Sequence[str]  # its description
     numbers: dict[str, Any]  # the same for JSON
     reynolds: float | None  # Reynolds number per unit of length, for y+
-    cure: str  # what may help where cells are inverted
+    cure: str  # what may help if cells are inverted
     warnings: Sequence[str] = ()
-    first_cell: float | None = None  # height of the first cells that was asked for, to hold those there are against
+    first_cell: float | None = None  # target height of the first cells, to compare with the actual heights
 
 
 def write_made_grid(
@@ -52,7 +52,7 @@ def write_made_grid(
     json: Path | None,
     fit: Callable[[Grid], FittedModel] = fit_grid,
 ) -> None:
-    """Make a grid, fit it where a model is asked for, write it and say what it is like."""
+    """Make a grid, fit it if a model is requested, write it and describe it."""
     with progress_bar() as progress, warnings.catch_warnings():
         warnings.simplefilter("ignore", FitWarning)  # it is in the report
         progress(0.0, "grid")
@@ -91,7 +91,7 @@ def write_made_grid(
 
 
 def _heights(cells: FirstCells, made: MadeGrid) -> dict[str, Any]:
-    """Numbers of the heights of first cells, where one was asked for."""
+    """Numbers of the heights of first cells, if a height was requested."""
     heights = cells.baseline
     if made.first_cell is None or not len(heights):
         return {}
@@ -107,7 +107,7 @@ def _heights(cells: FirstCells, made: MadeGrid) -> dict[str, Any]:
 
 
 def _heights_lines(numbers: dict[str, Any], unit: str) -> list[str]:
-    """The same for a reader."""
+    """The same as text."""
     return [
         f"first cells {found['lowest']:.4g} to {found['highest']:.4g} {unit} high, {100.0 * (1.0 - found['off']):.1f} "
         f"% of them within 1 % of the {found['asked']:.4g} {unit} asked for"

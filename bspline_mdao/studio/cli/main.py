@@ -1,4 +1,4 @@
-"""Entry point of the command line: runs a command and turns whatever stops it into an exit status and one line."""
+"""Entry point of the command line: runs a command and turns any error into an exit status and one line."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from .words import PROGRAM
 FAILED, INTERRUPTED = 2, 130
 
 SHARED = {"fit", "optimize", "quality"}
-"""Commands that know of several processes."""
+"""Commands that can run on several processes."""
 
 WITH_OPENMDAO = {"report"}
-"""Commands of the first process that import OpenMDAO. Its PETSc begins on all processes together, or breaks them."""
+"""Commands of the first process that import OpenMDAO. PETSc must be initialised on all processes together."""
 
 EXPECTED = (click.ClickException, InputError, MovementError, OSError)
-"""What commands raise on all processes alike."""
+"""What commands raise on all processes together."""
 
 
 def main() -> None:
@@ -47,8 +47,8 @@ def run(
     arguments: Sequence[str],  # the command and its arguments, without the name of the program
 ) -> int:  # exit status, see `main`
     """Run a command and return its exit status."""
-    # Several processes share the work of the commands in `SHARED`; others are done by the first one. It alone prints,
-    # and all end with one status.
+    # Several processes share the work of the commands in `SHARED`; only the first one does others. It alone prints, and
+    # all end with the same status.
     try:
         processes = world()
     except ImportError as error:
@@ -73,12 +73,12 @@ def _run(arguments: Sequence[str], processes: Any) -> int:
         _say(str(error.__cause__ or error) or "interrupted; each output is complete or as it was before")
         return INTERRUPTED
     except BrokenPipeError:
-        drop_stdout()  # the reader of a pipe had seen enough
+        drop_stdout()  # the reader of a pipe has closed it
     except Exception as error:
         _say(describe(error))
         if processes.size > 1 and not isinstance(error, EXPECTED):
             print(f"{PROGRAM}: process {processes.rank}: {describe(error)}", file=sys.__stderr__, flush=True)
-            processes.Abort(FAILED)  # it may be alone with it, and the others would wait for ever
+            processes.Abort(FAILED)  # otherwise the other processes might wait forever
         return FAILED
     return 0
 
@@ -100,7 +100,7 @@ def describe(error: Exception) -> str:
 
 
 def _is_of_memory(error: BaseException | None) -> bool:
-    """Whether memory ran out, also where what reported it failed in turn: OpenMDAO does, of NumPy's errors."""
+    """Whether memory ran out, also if reporting it failed in turn, as OpenMDAO does for NumPy's errors."""
     while error is not None:
         if isinstance(error, MemoryError):
             return True
@@ -109,5 +109,5 @@ def _is_of_memory(error: BaseException | None) -> bool:
 
 
 def _say(message: str) -> None:
-    """Print one line on standard error, whatever the message holds."""
+    """Print one line on standard error, whatever characters the message contains."""
     print(f"{PROGRAM}: {' '.join(message.split())}", file=sys.stderr)

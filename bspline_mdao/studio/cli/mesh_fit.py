@@ -1,4 +1,4 @@
-"""The command ``fit`` of meshes without structure: what their markers are, and the lattice around them."""
+"""The command ``fit`` for unstructured meshes: the kinds of their markers, and the lattice around them."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def fit_mesh(
     mesh_name: str,  # file of the mesh, or OpenFOAM's folder
     output: Path,  # output, json: model and numbers to write
     json: Path | None,
-    read: Callable[[], tuple[MixedMesh, dict[str, MarkerGuess]]],  # gives the mesh, and what its markers are
-    settings: LatticeSettings,  # what the lattice is to be like
-    moves: Sequence[str] = (),  # deformations that it is refined for
+    read: Callable[[], tuple[MixedMesh, dict[str, MarkerGuess]]],  # gives the mesh and its guessed markers
+    settings: LatticeSettings,  # of the lattice
+    moves: Sequence[str] = (),  # deformations for which it is refined
 ) -> None:
-    """Lay a lattice around a mesh, write the model and show what it is."""
+    """Build a lattice around a mesh, write the model and describe it."""
     with progress_bar() as progress:
         progress(0.0, "reading")
         mesh, kinds = read()
@@ -47,7 +47,7 @@ def fit_mesh(
             mesh_of_walls = model.moving_mesh
             model = model.refined_for([model.deformed(parse_deformation(text, model, mesh_of_walls)) for text in moves])
         progress(0.6, "walls")
-        model.node_map  # noqa: B018 - what cannot be moved is refused here
+        model.node_map  # noqa: B018 - refuses what cannot be moved
         seconds = working_seconds() - start
     numbers = fit_mesh_numbers(model, kinds, seconds)
     with written_json(json, numbers):
@@ -91,7 +91,7 @@ def lattice_numbers(model: MeshModel) -> dict:
 def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Path, numbers: dict) -> None:
     """Print what was fitted and what was written."""
     mesh, faces = model.mesh, model.mesh.markers or {}
-    in_plane = " of two dimensions" if mesh.n_copies > 1 else ""
+    in_plane = " in two dimensions" if mesh.n_copies > 1 else ""
     said = f", lengths in {mesh.unit}" if mesh.unit else ""
     print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}{in_plane}{said}")
     rows = [(name, f"{len(faces[name]):,}", guess.kind, guess.sure, guess.why) for name, guess in kinds.items()]
@@ -108,7 +108,7 @@ def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Pa
 
 
 def gap_warnings(model: MeshModel) -> list[str]:
-    """Name walls whose gap is thinner than the spans of the lattice there."""
+    """Name walls with a gap narrower than the spans of the lattice there."""
     names, unit, found = np.array(model.walls.names), model.mesh.length_unit, []
     local, marker = np.searchsorted(model.wall_rows, model.walls.faces), model.walls.marker
     for gap in thin_gaps(model.lattice, model.mesh.points[model.wall_rows], local):
@@ -122,12 +122,12 @@ def gap_warnings(model: MeshModel) -> list[str]:
 
 
 def show_lattice(model: MeshModel) -> None:
-    """Print what the lattice around a mesh is like."""
+    """Describe the lattice around a mesh."""
     lattice, mesh, unit = model.lattice, model.mesh, model.mesh.length_unit
     resting = len(mesh.stored_ids(model.rows_at_rest))
     about = "" if lattice.frame.is_cartesian else " along the axis, the radius and the angle"
     lines = [
-        f"{counted(len(mesh.stored_ids(model.wall_rows)), 'node')} on walls, which go where they are asked to; "
+        f"{counted(len(mesh.stored_ids(model.wall_rows)), 'node')} on walls, which move as prescribed; "
         f"{counted(resting, 'node')} at rest on other markers",
         f"lattice of {counts_text(lattice.shape)} control points{about}, the narrowest spans "
         f"{lattice.spacing:.3g} {unit} wide",
@@ -145,7 +145,7 @@ def show_lattice(model: MeshModel) -> None:
 
 
 def untied_lines(model: MeshModel, in_planes: set[str]) -> list[str]:
-    """Say of periodic sides that stay why they cannot be tied; those in planes of their own need not be."""
+    """Say why periodic sides that stay cannot be tied; sides that stay in planes need not be."""
     tied = {name for sides in model.periodic for name in sides.markers} | in_planes
     untied = [name for name, kind in model.kinds.items() if kind == PERIODIC and name not in tied]
     lines = []

@@ -1,4 +1,4 @@
-"""The command ``move`` of meshes without structure, and what cures a move that inverts cells."""
+"""The command ``move`` for unstructured meshes, and cures of a move that inverts cells."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from .units import unit_warnings
 __all__ = ["move_mesh"]
 
 FINER = (1.5, 2.25)
-"""Spacings of the lattice that are tried where cells are inverted, by which it is divided."""
+"""Divisors of the lattice spacing to try if cells are inverted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +56,9 @@ class _Moved:
     mesh: MovedMesh
     seconds: float
     overlap: OverlapChange | None = None  # of a grid of blocks
-    split: tuple[float, str] = (0.0, "")  # how differently the deformation moves copies on periodic sides, and where
-    notes: tuple[str, ...] = ()  # what deformations say of themselves
-    n_inverted_before: int = 0  # cells that the lattice of the model inverted, where it was refined for the move
+    split: tuple[float, str] = (0.0, "")  # largest difference of the deformation between periodic copies, and where
+    notes: tuple[str, ...] = ()  # remarks of the deformations
+    n_inverted_before: int = 0  # cells that the lattice of the model inverted, if it was refined for the move
 
     @property
     def periodic(self) -> list[dict]:
@@ -67,7 +67,7 @@ class _Moved:
 
     @property
     def sliding_off(self) -> float | None:
-        """How far nodes that slide have left their surfaces, at most (m); None where none slide."""
+        """Largest distance (m) of sliding nodes from their surfaces; None if none slide."""
         nodes = self.model.sliding_nodes
         return None if nodes is None else nodes.off(self.state.nodes)
 
@@ -81,7 +81,7 @@ def move_mesh(
     model_file: Path,  # model of a mesh
     output: Path,  # output, json: mesh and numbers to write
     json: Path | None,
-    options: MoveOptions,  # what to move where, and how
+    options: MoveOptions,  # deformation and how to move
 ) -> None:
     """Deform the walls of a mesh, move the mesh behind them and write it."""
     _refuse_others(model_file, options)
@@ -97,7 +97,7 @@ def move_mesh(
             progress(0.6, "refining the lattice")
             refined = _refined(moved, options)
             if refined is None:
-                progress(0.7, "looking for what cures it")
+                progress(0.7, "searching for a cure")
                 raise MovementError(_complaint(moved, _trials(model, options)))
             moved = refined
         if isinstance(file, BlockMeshFile):
@@ -111,7 +111,7 @@ def move_mesh(
 
 
 def _refuse_others(model_file: Path, options: MoveOptions) -> None:
-    """Refuse options that are of grids with blocks."""
+    """Refuse options that only apply to grids of blocks."""
     given = [f"--{name}" for name in ("slide", "fix", "release") if getattr(options, name)]
     if options.mover != MoverOptions():
         given.append("--mover and its settings")
@@ -139,14 +139,14 @@ def _move(model: MeshModel, options: MoveOptions) -> _Moved:
 
 
 def _overlap(model: MeshModel, file: BlockMeshFile, nodes: np.ndarray) -> OverlapChange:
-    """How fringes of component grids move in the cells of others."""
+    """Motion of the fringes of component grids in the cells of others."""
     markers = model.mesh.markers or {}
     faces = [faces.ravel() for name, faces in markers.items() if model.kinds.get(name) == INNER]
     return OverlapChange.of(file.grid, model.mesh, np.unique(np.concatenate([np.zeros(0, dtype=int), *faces])), nodes)
 
 
 def _refined(moved: _Moved, options: MoveOptions) -> _Moved | None:
-    """The same move by a lattice that is refined for it; None where that inverts cells as well, or is the same."""
+    """The same move by a lattice refined for it; None if that inverts cells as well, or is the same."""
     model = moved.model
     walls = model.mesh.points[model.wall_rows].copy()
     walls[model.design_mesh(options.design or None).surface_ids] = moved.surface
@@ -179,7 +179,7 @@ def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:
 
 
 def _finer(model: MeshModel, part: float) -> tuple[LatticeSettings, str]:
-    """Settings of a lattice whose spans are a part of those of a model, and what to type for it."""
+    """Settings of a lattice with spans that are a fraction of a model's, and the text to type for it."""
     if model.settings.spacing:
         spacing = float(f"{model.settings.spacing / part:.2g}")
         return replace(model.settings, spacing=spacing), f"a model by 'fit --spacing {spacing:g}'"
@@ -244,7 +244,7 @@ def _show(output: Path, moved: _Moved) -> None:
 
 
 def _split_lines(moved: _Moved) -> list[str]:
-    """Say of walls that end on both periodic sides if they were asked to move differently there."""
+    """Say whether walls that end on both periodic sides were to move differently there."""
     (off, where), mesh = moved.split, moved.model.mesh
     size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
     return split_lines(off, size, mesh.length_unit, f"{where}, which moves as its copy does")

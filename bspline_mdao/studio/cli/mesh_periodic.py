@@ -1,4 +1,4 @@
-"""What commands say of the periodic sides of a mesh or a grid: what lays them onto each other, and how well it does."""
+"""Periodic sides of a mesh or a grid in commands: the motion between them, and the remaining gap."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from ...grids.topology.topology import Topology, describe
 __all__ = ["block_numbers", "gap_lines", "side_numbers", "split_lines"]
 
 SPLIT = 1e-9
-"""Part of the size of a mesh by which a deformation may differ on copies of nodes: round-off."""
+"""Difference of a deformation between copies of nodes, relative to the size of a mesh, that counts as round-off."""
 
 
 def side_numbers(
     sides: Sequence[PeriodicSides],
     mesh: MixedMesh,  # the mesh on the baseline
-    points: np.ndarray | None = None,  # (n_points, 3), its nodes where it was moved
+    points: np.ndarray | None = None,  # (n_points, 3), its moved nodes
 ) -> list[dict]:
-    """Collect motion and gap of each pair for JSON, and the gap before where the mesh was moved."""
+    """Collect motion and gap of each pair for JSON, and the gap before if the mesh was moved."""
     return [_pair_numbers(each.markers, each.motion, each.gap, mesh.points, points) for each in sides]
 
 
 def block_numbers(
     topology: Topology,
     baseline: Grid,  # the grid on the baseline
-    grid: Grid | None = None,  # the grid where it was moved
+    grid: Grid | None = None,  # the moved grid
 ) -> list[dict]:
-    """Collect the same of all periodic pairs of the sides of blocks: those that are tied, and those that are found."""
+    """Collect the same for all periodic pairs of block sides, tied or found."""
     before, after = (None if each is None else each.to_vector().reshape(-1, 3) for each in (baseline, grid))
     assert before is not None
     numbers = [
@@ -56,7 +56,7 @@ def _pair_numbers(
     motion: object,
     gap: Callable[[np.ndarray], float],  # of nodes (n, 3)
     baseline: np.ndarray,  # (n, 3), nodes on the baseline (m)
-    nodes: np.ndarray | None,  # (n, 3), nodes where they were moved
+    nodes: np.ndarray | None,  # (n, 3), moved nodes
 ) -> dict:
     """Collect the numbers of one pair."""
     at_rest = {"markers": list(markers), "motion": str(motion), "gap": gap(baseline)}
@@ -64,7 +64,7 @@ def _pair_numbers(
 
 
 def gap_lines(numbers: Sequence[dict], unit: str) -> list[str]:
-    """Say how far copies of nodes are from where they should be."""
+    """Say how far copies of nodes are from their places."""
     return [
         f"copies of nodes of {' and '.join(each['markers'])}, a {each['motion']}, are off by up to "
         f"{each['gap']:.3g} {unit}" + (f", {each['gap_before']:.3g} before" if "gap_before" in each else "")
@@ -73,15 +73,15 @@ def gap_lines(numbers: Sequence[dict], unit: str) -> list[str]:
 
 
 def split_lines(
-    off: float,  # how differently a deformation moves nodes of walls and their copies, at most (m)
+    off: float,  # largest difference in the motion of wall nodes and their copies (m)
     size: float,  # size of the mesh (m)
     unit: str,
-    where: str,  # the node, and where it goes
+    where: str,  # the node, and its destination
 ) -> list[str]:
-    """Say of walls that end on both periodic sides if they were asked to move differently there."""
+    """Say whether walls that end on both periodic sides were to move differently there."""
     if off <= SPLIT * size:
         return []
     return [
         f"walls end on both periodic sides, and the deformation differs there by up to {off:.3g} {unit}, at {where}; "
-        f"deform them alike there, or other walls by --design"
+        f"deform both sides alike, or choose other walls by --design"
     ]

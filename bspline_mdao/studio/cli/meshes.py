@@ -1,4 +1,4 @@
-"""The commands ``inspect`` and ``quality`` of meshes without structure."""
+"""The commands ``inspect`` and ``quality`` for unstructured meshes."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ from .output import (
 )
 
 MOST_LISTED = 10
-"""Inverted cells that are printed."""
+"""Largest number of inverted cells to print."""
 
 MOST_NUMBERED = 100
-"""Inverted cells that are written into JSON."""
+"""Largest number of inverted cells to write as JSON."""
 
 
 def inspect_mesh(
@@ -52,7 +52,7 @@ def inspect_mesh(
     reynolds: float | None,  # Reynolds number per unit of length, for an estimate of y+
     units: str | None,  # unit of lengths
 ) -> None:
-    """Show the cells and markers of a mesh, what its markers seem to be, and what has to be declared to move it."""
+    """Show the cells and markers of a mesh, what its markers seem to be, and what to declare to move it."""
     check_outputs([draft, json], [name, patches])
     with progress_bar() as progress:
         progress(0.0, "reading")
@@ -81,9 +81,9 @@ def measure_mesh(
     name: str,  # the file
     json: Path | None,  # numbers to write
     patches: Path | None,  # declared kinds of its markers
-    baseline: str | None,  # the mesh before it was moved
+    baseline: str | None,  # the mesh before the move
 ) -> None:
-    """Measure the cells and faces of a mesh and show what they are like."""
+    """Measure the cells and faces of a mesh and show the results."""
     check_outputs([json], [name, patches, baseline])
     with progress_bar() as progress:
         progress(0.0, "reading")
@@ -108,7 +108,7 @@ def measure_mesh(
 
 
 def _proved(certificate: Certificate) -> dict:
-    """What is proved about single cells, for JSON; None where none has a map."""
+    """What is proved about single cells, for JSON; None if no cell has a map."""
     return {"certificate": certificate_numbers(certificate) if certificate.cells else None}
 
 
@@ -120,7 +120,7 @@ def _show_proved(certificate: Certificate, mesh: MixedMesh) -> None:
 
 
 def _baseline_of(baseline: str, mesh: MixedMesh, name: str) -> MixedMesh:
-    """The mesh before it was moved."""
+    """The mesh before the move."""
     before = with_markers(read_mesh(baseline).mesh)
     if (before.n_points, before.cell_counts) != (mesh.n_points, mesh.cell_counts):
         raise InputError(
@@ -133,7 +133,7 @@ def _baseline_of(baseline: str, mesh: MixedMesh, name: str) -> MixedMesh:
 def _heights(
     before: MixedMesh, faces: np.ndarray, points: np.ndarray, baseline: str | None
 ) -> dict[str, dict[str, float]]:
-    """Quantiles of the heights at a wall, and of these by those of the baseline."""
+    """Quantiles of the heights at a wall, and of their ratios to the baseline."""
     first = NodeHeights.of(before, before.into_fluid(faces))
     found = {"heights": height_quantiles(first.heights(points))}
     if baseline is not None:
@@ -142,7 +142,7 @@ def _heights(
 
 
 def _inverted(mesh: MixedMesh, which: np.ndarray, volumes: np.ndarray, middles: np.ndarray) -> list[dict]:
-    """Collect name, volume and place of inverted cells, those of the least volume first."""
+    """Collect name, volume and place of inverted cells, the smallest volumes first."""
     cells = np.flatnonzero(which)
     cells = cells[np.argsort(volumes[cells], kind="stable")][:MOST_NUMBERED]
     return [
@@ -152,7 +152,7 @@ def _inverted(mesh: MixedMesh, which: np.ndarray, volumes: np.ndarray, middles: 
 
 
 def n_unmarked_faces(mesh: MixedMesh) -> int:
-    """Faces of the boundary that no marker has; those in the planes of a file of two dimensions do not count."""
+    """Boundary faces without a marker; faces in the planes of a two-dimensional file do not count."""
     skin = mesh.skin
     if mesh.n_copies == 2:
         is_upper = skin >= mesh.n_stored
@@ -162,9 +162,9 @@ def n_unmarked_faces(mesh: MixedMesh) -> int:
 
 
 def unmarked_lines(n_faces: int) -> list[str]:
-    """Say what becomes of faces of the boundary that no marker has."""
+    """Say what happens to boundary faces without a marker."""
     found = counted(n_faces, "face")
-    said = f"{found} of the boundary are of no marker, and move along: only nodes of markers are held"
+    said = f"{found} of the boundary have no marker, and move along: only nodes of markers are fixed"
     return [said] if n_faces else []
 
 
@@ -208,7 +208,7 @@ def _mesh_numbers(
 
 
 def _show_mesh(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess], numbers: dict, certificate: Certificate) -> None:
-    """Print what a mesh consists of."""
+    """Print the contents of a mesh."""
     said = f", lengths in {numbers['units']}" if numbers["units"] else ""
     print_title(
         f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}, {numbers['dimensions']} "
@@ -277,7 +277,7 @@ def _quality_numbers(
 
 
 def _show_quality(name: str, numbers: dict, baseline: str | None) -> None:
-    """Print the measures of cells and faces, and the cells that are inverted."""
+    """Print the measures of cells and faces, and the inverted cells."""
     kinds = ", ".join(f"{n:,} {kind}" for kind, n in numbers["cells"].items())
     print_title(f"{name}: {counted(numbers['n_cells'], 'cell')} ({kinds})")
     angle, skewness = numbers["non_orthogonality"], numbers["skewness"]
@@ -297,7 +297,7 @@ def _show_quality(name: str, numbers: dict, baseline: str | None) -> None:
             (f"faces of skewness above {SKEWED:g}", f"{skewness['n_skewed']:,}"),
         ],
     )
-    for key, title in (("heights", "first nodes above"), ("ratios", "heights by those of the baseline at")):
+    for key, title in (("heights", "first nodes above"), ("ratios", "heights relative to the baseline at")):
         rows = [(wall["marker"], *map(_short, wall[key].values())) for wall in numbers["heights"] if wall.get(key)]
         if rows:
             print_table([title, "min", "1 %", "median", "99 %", "max"], rows)

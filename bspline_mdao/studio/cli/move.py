@@ -1,8 +1,8 @@
-"""The command ``move``, and why it refuses one.
+"""The command ``move``, and why it refuses a move.
 
-The causes of inverted cells are looked for in this order: a control mesh that is folded before anything moves; what the
-splines miss of the grid, where the splines' own grid stays valid; a control mesh that tangles; splines that fold over a
-valid one. Cures are named where they were tried, see `.cures`.
+Causes of inverted cells are checked in this order: a control mesh that is folded before anything moves; the residual of
+the splines, if the grid of the splines alone stays valid; a control mesh that tangles; splines that fold over a valid
+control mesh. Only cures that were tried are named, see `.cures`.
 """
 
 from __future__ import annotations
@@ -68,29 +68,29 @@ QUALITY = {
     "min_volume": "smallest volume ({unit}^3)",
     "n_inverted": "inverted cells",
 }
-"""Labels of what is shown of the quality."""
+"""Labels of the quality measures that are shown."""
 
 INCREMENT_COLUMNS = ("number", "invalid", "new", "corner", "time (s)", "residual", "iterations", "digits")
 """Columns of the table of increments."""
 
 FEW_DIGITS = 8.0
-"""A warning is due where fewer digits of the displacements are right."""
+"""A warning is given if fewer digits of the displacements are correct."""
 
 
 @dataclass(frozen=True)
 class MoveOptions:
     """Options of the command ``move``."""
 
-    deform: tuple[str, ...]  # deformations of the design surface, one after the other
-    design: tuple[str, ...] = ()  # patches that are the design surface; all walls where there is none
+    deform: tuple[str, ...]  # deformations of the design surface, in order
+    design: tuple[str, ...] = ()  # patches that are the design surface; all walls if empty
     # slide, fix, release: patches that slide in their planes, are fixed, and are free
     slide: tuple[str, ...] = ()
     fix: tuple[str, ...] = ()
     release: tuple[str, ...] = ()
     surface: Path | None = None  # file for the new control points of the design surface, or for the surface as CAD
-    allow_invalid: bool = False  # write a grid with inverted cells all the same
+    allow_invalid: bool = False  # write a grid with inverted cells anyway
     no_certify: bool = False  # do not prove which cells are valid everywhere
-    mover: MoverOptions = field(default_factory=MoverOptions)  # how to move
+    mover: MoverOptions = field(default_factory=MoverOptions)  # mover and its settings
 
 
 @dataclass(frozen=True)
@@ -108,10 +108,10 @@ class Moved:
     newly_inverted: tuple[InvertedCell, ...]
     certificate: Certificate | None
     gaps: tuple[PeriodicGap, ...]
-    slid_off: float | None  # how far nodes that slide have left their surfaces, at most (m); None where none slide
+    slid_off: float | None  # largest distance (m) of sliding nodes from their surfaces; None if none slide
     periodic: list[dict]  # periodic sides, before and after
-    split: tuple[float, str]  # how differently the deformation moves walls on both sides of these, and where
-    notes: tuple[str, ...]  # what deformations say of themselves
+    split: tuple[float, str]  # largest difference of the deformation between walls on both sides of these, and where
+    notes: tuple[str, ...]  # remarks of the deformations
 
     @property
     def largest_displacement(self) -> float:
@@ -123,7 +123,7 @@ def move_model(
     model_file: Path,  # fitted model
     output: Path,  # output, json: grid and numbers to write
     json: Path | None,
-    options: MoveOptions,  # what to move where, and how
+    options: MoveOptions,  # deformation and how to move
 ) -> None:
     """Deform the design surface of a model, move the control mesh behind it and write the grid."""
     check_outputs([output, json, options.surface], [model_file, *filter(os.path.isfile, options.deform)])
@@ -136,7 +136,7 @@ def move_model(
         check_grid_name(output, model.header)
         moved = _move(model, model_file, options, progress)
         if moved.newly_inverted and not options.allow_invalid:
-            progress(0.85, "looking for what cures it")
+            progress(0.85, "searching for a cure")
             raise MovementError(complaint(model, moved, _trials(model, model_file, moved, options)))
         progress(0.9, "writing")
         with written_json(json, move_numbers(model_file, output, moved, options)):
@@ -173,7 +173,7 @@ def moved_control_mesh(
 def _surface_points(
     model: FittedModel, mesh: MovingMesh, deformation: Deformation, patches: tuple[str, ...]
 ) -> np.ndarray:
-    """Control points of the deformed surface: fitted to its nodes, as by components, or those that are given."""
+    """Control points of the deformed surface: fitted to its nodes, as in components, or given."""
     if _is_given(deformation):
         return deformation.apply(model.control_points[mesh.surface_ids])
     surface = SurfaceGrid.of(model, patches or None)
@@ -182,7 +182,7 @@ def _surface_points(
 
 
 def _is_given(deformation: Deformation) -> bool:
-    """Whether control points come from a file, so that nothing is asked of nodes."""
+    """Whether control points come from a file, so nodes have no target."""
     return any(isinstance(point_map, PrescribedPoints) for point_map in deformation.maps)
 
 
@@ -204,9 +204,9 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: 
 def _grid(
     model: FittedModel, options: MoveOptions, mesh: MovingMesh, deformation: Deformation, points: np.ndarray
 ) -> tuple[Grid, SurfaceMiss | None, tuple[float, str]]:
-    """Make the grid of moved control points, with the wall where the same deformation puts its nodes."""
-    # Returns grid; miss: how far the control points alone would have missed that; None where these come from a file,
-    # and nothing is asked of nodes; split: see `Moved`.
+    """Make the grid of moved control points, with the wall nodes at the targets of the same deformation."""
+    # Returns grid; miss: how far the control points alone would have missed the targets, None if these come from a
+    # file, and nodes have no target; split: see `Moved`.
     topology, slides = model.topology, mesh.slides
     if _is_given(deformation):
         return model.regenerate(points, slides), None, (0.0, "")
@@ -220,7 +220,7 @@ def _grid(
 
 
 def _split(topology: Topology, rows: np.ndarray, change: np.ndarray) -> tuple[float, str]:
-    """How differently nodes of walls on both sides of periodic pairs are asked to move (m), at most, and where."""
+    """Largest difference of the target motion (m) between wall nodes on both sides of periodic pairs, and where."""
     ties = row_ties(topology)
     if ties is None:
         return 0.0, ""
@@ -239,7 +239,7 @@ def _split(topology: Topology, rows: np.ndarray, change: np.ndarray) -> tuple[fl
 def _compared(
     baseline: Grid, grid: Grid, options: MoveOptions
 ) -> tuple[QualityReport, QualityReport, tuple[InvertedCell, ...], Certificate | None]:
-    """Quality before and after, the worst cells that are inverted now and were not, and what is proved of all."""
+    """Quality before and after, the worst of the newly inverted cells, and what is proved about all."""
     quality = GridQuality.of_baseline(baseline)
     before, after = (g.to_vector().reshape(-1, 3) for g in (baseline, grid))
     newly_inverted = inverted_cells(quality, quality.cells(after), newly=True)
@@ -248,7 +248,7 @@ def _compared(
 
 
 def write_points(path: Path, points: np.ndarray) -> None:
-    """Write points (n, 3) as ``--deform`` reads them back."""
+    """Write points (n, 3) in the format of ``--deform``."""
     with replaced_file(path) as part:
         np.savetxt(part, points, fmt="%.17g", delimiter=",", header="x,y,z")
 
@@ -341,7 +341,7 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
 
 
 def _of_elements(moved: Moved) -> list[str]:
-    """Say how many elements of the control mesh are invalid before and after, and what that means; nothing of none."""
+    """Count the invalid elements of the control mesh before and after, with the meaning; empty if there are none."""
     mesh, last = moved.mesh, moved.movement.report.increments[-1]
     if not (mesh.n_invalid or last.n_invalid):
         return []
@@ -350,7 +350,7 @@ def _of_elements(moved: Moved) -> list[str]:
 
 
 def _row(number: int, increment: IncrementReport) -> tuple:
-    """Row of the table of increments: the solver only where there is one."""
+    """Row of the table of increments: the solver only if there is one."""
     row = number, increment.n_invalid, increment.n_tangled, increment.min_corner
     solve = increment.solve
     return (*row, solve.seconds, solve.residual, solve.iterations, f"{solve.digits:.0f}") if solve else row
@@ -403,7 +403,7 @@ def complaint(
 
 
 def _trials(model: FittedModel, model_file: Path, moved: Moved, options: MoveOptions) -> list[Trial]:
-    """Try what may cure a move, letting go of the patches that inverted cells lie on first."""
+    """Try what may cure a move, releasing first the patches on which inverted cells lie."""
     baseline = model.regenerate()
     quality = GridQuality.of_baseline(baseline)
 
@@ -416,7 +416,7 @@ def _trials(model: FittedModel, model_file: Path, moved: Moved, options: MoveOpt
 
 
 def _cause(model: FittedModel, moved: Moved) -> str:
-    """Find the first cause that applies, and what of fits may help and is not tried."""
+    """Find the first cause that applies, and which changes of the fit may help and were not tried."""
     mesh, report = moved.mesh, moved.movement.report
     if mesh.n_invalid:
         n = f"{mesh.n_invalid:,} of {counted(len(mesh.elements), 'element')}"
@@ -437,7 +437,7 @@ def _cause(model: FittedModel, moved: Moved) -> str:
 
 
 def _is_the_residual(model: FittedModel, moved: Moved) -> bool:
-    """Whether most cells that are inverted now, and were not, are valid in the grid of the splines alone."""
+    """Whether most newly inverted cells are valid in the grid of the splines alone."""
     quality = GridQuality.of_baseline(model.regenerate())
     after = quality.cells(moved.grid.to_vector().reshape(-1, 3))
     of_splines = quality.cells(model.evaluator().forward(moved.movement.points))

@@ -1,4 +1,4 @@
-"""What commands report of the cells of a mesh without structure that was moved, and of the heights at its walls."""
+"""Cells of a moved unstructured mesh in commands, and the heights at its walls."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .output import print_lines, print_table
 __all__ = ["MovedCells"]
 
 MOST_NUMBERED = 100
-"""Newly inverted cells that are written into JSON."""
+"""Largest number of newly inverted cells to write as JSON."""
 
 
 @dataclass(frozen=True, eq=False)
 class MovedCells:
-    """Cells before and after a move, and the heights at walls relative to those before."""
+    """Cells before and after a move, and the heights at walls relative to the heights before."""
 
     before: CellQuality
     after: CellQuality
-    ratios: np.ndarray  # (m,); none where there is no wall
+    ratios: np.ndarray  # (m,); empty without walls
 
     @classmethod
     def of(cls, mesh: MixedMesh, nodes: np.ndarray, ratios: np.ndarray) -> MovedCells:
@@ -33,12 +33,12 @@ class MovedCells:
 
     @property
     def newly_inverted(self) -> np.ndarray:
-        """Numbers of the cells that are inverted now and were not."""
+        """Numbers of the cells that are inverted now and were not before."""
         return np.flatnonzero(self.after.is_inverted & ~self.before.is_inverted)
 
     @property
     def worst(self) -> int:
-        """Number of the newly inverted cell of the least volume."""
+        """Number of the newly inverted cell with the smallest volume."""
         new = self.newly_inverted
         return int(new[np.argmin(self.after.volumes[new])])
 
@@ -52,7 +52,7 @@ class MovedCells:
         }
 
     def show(self, smallest: str) -> None:
-        """Print the cells; ``smallest`` says what the least of them is, and in which unit."""
+        """Print the cells; ``smallest`` names the smallest measure, with its unit."""
         rows = [
             (smallest, _least(self.before), _least(self.after)),
             ("inverted cells", int(self.before.is_inverted.sum()), int(self.after.is_inverted.sum())),
@@ -63,11 +63,11 @@ class MovedCells:
         """Print the heights, if there are any."""
         quantiles = height_quantiles(self.ratios)
         if quantiles:
-            print_lines(["heights of the first nodes at walls, by those before:"])
+            print_lines(["heights of the first nodes at walls, relative to before:"])
             print_table(["min", "1 %", "median", "99 %", "max"], [tuple(f"{x:.3f}" for x in quantiles.values())])
 
     def warnings(self) -> list[str]:
-        """List what is wrong with them."""
+        """List problems of the cells."""
         found = []
         if len(self.newly_inverted):
             found.append(counted(len(self.newly_inverted), "newly inverted cell"))

@@ -1,4 +1,4 @@
-"""What commands say of a mesh without structure that was moved: cells, heights at walls, and the certificate."""
+"""A moved unstructured mesh in commands: cells, heights at walls, and the certificate."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class MovedMesh:
     def of(
         cls,
         model: MeshModel,  # the mesh
-        control_points: np.ndarray,  # (n_control_points, 3), where they are now
-        nodes: np.ndarray,  # (n_nodes, 3), where the nodes are
+        control_points: np.ndarray,  # (n_control_points, 3), their present places
+        nodes: np.ndarray,  # (n_nodes, 3), present places of the nodes
         *,
-        is_proved: bool = True,  # whether it is proved which of them are valid everywhere
+        is_proved: bool = True,  # whether to prove which cells are valid everywhere
     ) -> MovedMesh:
         """Measure a mesh that was moved."""
         walls = model.node_map.embedded.walls
@@ -42,7 +42,7 @@ class MovedMesh:
         if not is_proved:
             return cls(model.mesh, cells, None)
         splines: tuple[BlockCertificate, ...] = ()
-        if model.lattice.frame.is_cartesian:  # in others the map is none of one volume
+        if model.lattice.frame.is_cartesian:  # in other frames the map is not one volume
             splines = certify_splines(*model.splines_at(control_points), model.spline_names)
         return cls(model.mesh, cells, Certificate(certify_mixed(model.mesh, nodes), splines))
 
@@ -60,5 +60,5 @@ class MovedMesh:
         self.cells.show_heights()
 
     def warnings(self) -> list[str]:
-        """List what is wrong with the cells."""
+        """List problems of the cells."""
         return self.cells.warnings()

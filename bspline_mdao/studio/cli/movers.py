@@ -1,7 +1,7 @@
-"""Options that say what moves the control mesh, and movers, stiffness laws and solvers by the names they are given.
+"""Options for moving the control mesh, and movers, stiffness laws and solvers by name.
 
-The tables name classes by their places, and import those that are asked for: help shows the names, and should not wait
-for NumPy and numba.
+The tables give classes as import paths, imported on request: help shows the names, and should not wait for NumPy and
+numba.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MOVERS = {
     "delaunay": "bspline_mdao.core.movement.delaunay.DelaunayGraph",
     "held": "bspline_mdao.core.movement.fixed_interior.FixedInterior",
 }
-"""Place of the class of each mover by its name."""
+"""Import path of the class of each mover, by name."""
 
 STIFFNESS = {
     "orthogonality": "bspline_mdao.core.movement.young_modulus.OrthogonalityLaw",
@@ -38,7 +38,7 @@ STIFFNESS = {
     "distance": "bspline_mdao.core.movement.young_modulus.WallDistanceLaw",
     "constant": "bspline_mdao.core.movement.young_modulus.ConstantLaw",
 }
-"""Place of the class of each law of stiffness."""
+"""Import path of the class of each stiffness law."""
 
 SOLVERS = {
     "cholesky": "bspline_mdao.base.sparse.cholesky.Cholesky",
@@ -46,7 +46,7 @@ SOLVERS = {
     "multigrid": "bspline_mdao.base.sparse.petsc.PetscMultigrid",
     "mumps": "bspline_mdao.base.sparse.petsc.PetscCholesky",
 }
-"""Place of the class of each solver."""
+"""Import path of the class of each solver."""
 
 
 MOVING = (
@@ -95,7 +95,7 @@ MOVING = (
 
 
 def moving_options(function: Callable) -> Callable:
-    """Add the options that say what moves the control mesh, and how its patches take part."""
+    """Add the options for moving the control mesh and for the role of its patches."""
     for option in reversed(MOVING):
         function = option(function)
     return function
@@ -103,15 +103,15 @@ def moving_options(function: Callable) -> Callable:
 
 @dataclass(frozen=True)
 class MoverOptions:
-    """Options of ``move`` that make the mover; None leaves a setting at the mover's own default."""
+    """Options of ``move`` that make the mover; None keeps the mover's default."""
 
-    mover: str = "rotations"  # name out of `MOVERS`
+    mover: str = "rotations"  # a key of `MOVERS`
     increments: int | None = None  # increments of the move
     nu: float | None = None  # poisson's ratio
-    # stiffness, solver: names out of `STIFFNESS` and `SOLVERS`
+    # stiffness, solver: keys of `STIFFNESS` and `SOLVERS`
     stiffness: str | None = None
     solver: str | None = None
-    comoving: bool = False  # whether outer boundaries go along with the rigid part of the surface's motion
+    comoving: bool = False  # whether outer boundaries follow the rigid part of the surface's motion
 
     def make(self, mesh: MovingMesh) -> Mover:
         """Make the mover of a mesh."""
@@ -135,7 +135,7 @@ class MoverOptions:
 
 
 def class_named(table: Mapping[str, str], name: str, option: str) -> type:
-    """Import the class that a name of a table stands for."""
+    """Import the class for a name of a table."""
     if name not in table:
         raise InputError(f"{option} {name}: is not known; give one of {', '.join(table)}")
     return resolve_name(table[name])

@@ -1,4 +1,4 @@
-"""The command ``optimize``: a study is made a script, which is run, and told about."""
+"""The command ``optimize``: it turns a study into a script, runs it and reports the results."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ from .output import check_outputs, print_lines, print_title, print_warnings, wri
 STOPPED = (
     "all bounds hold to a ten-thousandth, and this may be no optimum: see max_iterations and tolerance in [driver]"
 )
-"""What is said of a feasible design at which the driver did not converge."""
+"""Remark on a feasible design at which the driver did not converge."""
 
 NEEDED = {"report": ("report", ("plotly", "jinja2")), "picture": ("pictures", ("matplotlib",))}
-"""Keys of ``[output]`` for what needs packages: their extra, and the packages."""
+"""Keys of ``[output]`` that need packages: their extra, and the packages."""
 
 
 def optimize_study(
@@ -49,10 +49,10 @@ def optimize_study(
     output: Path,  # folder for the results
     json: Path | None = None,  # numbers to write
     overwrite: bool = False,  # use a folder that is not empty
-    restart: bool = False,  # go on from the best design that a run in the folder has recorded
-    max_iterations: int | None = None,  # instead of what the study says
+    restart: bool = False,  # continue from the best design that a run in the folder has recorded
+    max_iterations: int | None = None,  # overrides the study
 ) -> None:
-    """Run a study and show what came out."""
+    """Run a study and show the results."""
     comm = world()
     if comm.size > 1:
         library("petsc4py", "a study on several processes needs petsc4py", "mpi")
@@ -86,20 +86,20 @@ def optimize_study(
 
 @dataclass(frozen=True)
 class _Run:
-    """A run that is about to begin: its script, the private folder that it writes to, and what it goes on from."""
+    """A run that is about to start: its script, its private output folder, and the run it continues."""
 
     script: str
     private: Path
     n_earlier: int
 
     def words(self, comm: Any) -> str:
-        """What is said of it."""
+        """Description of the start."""
         start = f" from the best of {self.n_earlier} recorded designs" if self.n_earlier else ""
         return start + (f" on {comm.size} processes" if comm.size > 1 else "")
 
 
 def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: bool, restart: bool) -> _Run:
-    """Look at all that could be in the way of a run, and make its private folder."""
+    """Check everything that could prevent a run, and make its private folder."""
     names = [SCRIPT, *study.results]
     if folder.path.exists() and not folder.path.is_dir():
         raise InputError(f"{folder.path}: is a file; name a folder for the results")
@@ -109,7 +109,7 @@ def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: boo
         advice = f"--restart to continue from {n_killed} cases of a run that was killed, " if n_killed else ""
         raise InputError(f"{folder.path}: is not empty; give {advice}--overwrite, or another folder")
     earlier = earlier_cases(folder, study) if restart else None
-    taken_over = CASES if earlier == folder.path / CASES else ""  # may be those of the script, run by itself
+    taken_over = CASES if earlier == folder.path / CASES else ""  # may belong to the script, run on its own
     folder.check([name for name in (*names, *study.folders) if name != taken_over])
     private = folder.begin(problem_of(study))
     try:
@@ -123,7 +123,7 @@ def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: boo
 
 
 def _gains(names: dict[str, Any]) -> tuple[InducedGain, ...]:
-    """What was gained in induced drag, on the grid and on a finer one."""
+    """Reduction of induced drag, on the grid and on a finer one."""
     return induced_gains(names["before"].estimates, names["after"].estimates)
 
 
@@ -133,7 +133,7 @@ def _parts(gain: InducedGain) -> dict[str, float]:
 
 
 def _is_made(study: Study, name: str) -> bool:
-    """Whether a page or a picture is made: where the packages for it are there, unless the study says otherwise."""
+    """Whether a page or a picture is made: if its packages are installed, unless the study says otherwise."""
     if name == "picture" and not study.has_pressures:
         return False
     asked, (extra, packages) = study.output[name], NEEDED[name]
@@ -147,27 +147,27 @@ def _is_made(study: Study, name: str) -> bool:
 
 
 def _say_of_cad(study: Study) -> None:
-    """Say where no CAD file can be written with the optimum."""
+    """Say if no CAD file can be written with the optimum."""
     kinds = {name: table["kind"] for name, table in study.variables.items() if VARIABLES[table["kind"]].made_by}
     if not study.cad_results and CAD_KINDS & set(kinds.values()):
         others = ", ".join(name for name, kind in kinds.items() if kind != "cad_points")
         print_lines(
             [
-                f"no CAD file will be written with the optimum: {others} moves walls as well, which no control points "
-                f"of faces do; write_cad of the moved control points has the walls themselves"
+                f"no CAD file will be written with the optimum: {others} moves walls as well, but not by control "
+                f"points of faces; write_cad of the moved control points has the walls themselves"
             ]
         )
 
 
 def _run(run: _Run, folder: RunFolder, comm: Any, title: str) -> tuple[om.Problem, dict[str, Any]]:
-    """Run a script, and swap its results in; return the problem, and all names that it gives."""
+    """Run a script, and move its results into place; return the problem, and all names that it defines."""
     script, failure = run.private / SCRIPT, None
     names: dict[str, Any] = {"__name__": "__main__", "__file__": str(script)}
     try:
         print_title(title + run.words(comm))
         with warnings.catch_warnings(), _without_report_plugins():
             warnings.showwarning = lambda message, *_: print_warnings([_as_seen(str(message), run, folder)])
-            # the script counts linear solves of the flow, where OpenMDAO counts variables
+            # the script counts linear solves of the flow, but OpenMDAO counts variables
             warnings.filterwarnings("ignore", "Inefficient choice of derivative mode")
             exec(compile(run.script, str(script), "exec"), names)
     except BaseException as error:
@@ -182,7 +182,7 @@ def _run(run: _Run, folder: RunFolder, comm: Any, title: str) -> tuple[om.Proble
 
 @contextmanager
 def _without_report_plugins() -> Iterator[None]:
-    """Keep OpenMDAO from loading writers of reports, and Matplotlib with them: the script asks for none."""
+    """Keep OpenMDAO from loading report writers, and Matplotlib with them: the script needs none."""
     loaded, reports_system._plugins_loaded = reports_system._plugins_loaded, True
     try:
         yield
@@ -191,7 +191,7 @@ def _without_report_plugins() -> Iterator[None]:
 
 
 def _kept(run: _Run, folder: RunFolder) -> str:
-    """Swap the results of a run in, and name them; nothing where it ended before it had anything to replace others."""
+    """Move the results of a run into place, and name them; do nothing if it ended before it had any."""
     with deferred_interrupts():
         has_cases = count_cases(run.private / CASES) > run.n_earlier
         has_more = any(path.name not in (SCRIPT, CASES) for path in run.private.iterdir())
@@ -209,7 +209,7 @@ def _kept(run: _Run, folder: RunFolder) -> str:
 
 
 def _said(failure: BaseException, run: _Run, folder: RunFolder, kept: str) -> BaseException:
-    """What is said of a run that failed: where things are now, and what there is of it."""
+    """Message of a run that failed: where its results are, and which there are."""
     words = "; ".join(part for part in (_as_seen(str(failure), run, folder), kept) if part)
     if isinstance(failure, KeyboardInterrupt):
         return KeyboardInterrupt(f"interrupted; {kept or f'{folder.path} is as it was'}")
@@ -221,13 +221,13 @@ def _said(failure: BaseException, run: _Run, folder: RunFolder, kept: str) -> Ba
 
 
 def _as_seen(words: str, run: _Run, folder: RunFolder) -> str:
-    """Words with paths as they are once the results are in their places."""
+    """Text with the paths that results have once they are in place."""
     inputs, results = f"{run.private}/../../", str(run.private)
     return " ".join(words.replace(inputs, f"{folder.path.absolute()}/").replace(results, str(folder.path)).split())
 
 
 def _listed(folder: RunFolder) -> str:
-    """Name the results that there are, but for files in folders; of OpenFOAM's files the folder."""
+    """Name the results, except for files in folders; for OpenFOAM's files, the folder."""
     cases = {name.rpartition("/")[0] for name in folder.names if f"/{POLYMESH}/" in name}
     return ", ".join(sorted([*(name for name in folder.names if "/" not in name), *cases]))
 
@@ -257,7 +257,7 @@ def _status(problem: om.Problem) -> str:
 
 
 def _print_outcome(folder: RunFolder, problem: om.Problem, numbers: dict[str, Any], infeasible: str) -> None:
-    """Say how it ended and what was written; raise where it failed."""
+    """Say how it ended and what was written; raise an error if it failed."""
     driver = problem.driver
     counts = f"{numbers['evaluations']} evaluations, {numbers['gradients']} gradients"
     if driver.is_interrupted:

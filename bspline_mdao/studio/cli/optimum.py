@@ -1,4 +1,4 @@
-"""What ``optimize`` says of the grid of the design that it found, by the kind of its model."""
+"""The grid of the optimum in ``optimize``, by the kind of its model."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from .moved_mesh import MovedMesh
 __all__ = ["CadOptimum", "Optimum", "cad_optima", "optimum_of"]
 
 MOST_MISSED = 0.1
-"""Part of the moves of faces that walls of the grid may miss them by before a warning."""
+"""Distance between wall nodes and their targets, relative to the move of the faces, above which a warning is given."""
 
 
 class Optimum(Protocol):
-    """The grid of the design that was found, beside that before."""
+    """The grid of the optimum, compared with the baseline."""
 
     def numbers(self) -> dict:
         """Numbers for JSON."""
 
     def show(self) -> None:
-        """Print what is known of its cells."""
+        """Print what is known about its cells."""
 
     def warnings(self) -> list[str]:
-        """What is wrong with it."""
+        """Problems of the grid."""
 
 
 @dataclass(frozen=True)
@@ -52,16 +52,16 @@ class _Gaps:
         """Nothing: bounds of its cells are among the responses."""
 
     def warnings(self) -> list[str]:
-        """One for each."""
+        """One for each pair."""
         return list(self.texts)
 
 
 @singledispatch
 def optimum_of(
-    model: Movable,  # what was optimised
-    problem: om.Problem,  # at the design that was found
+    model: Movable,  # the optimised model
+    problem: om.Problem,  # at the optimum
 ) -> Optimum:
-    """Look at the grid of the design that was found."""
+    """Examine the grid of the optimum."""
     raise TypeError(f"an optimum of {type(model).__name__}")
 
 
@@ -82,8 +82,8 @@ class CadOptimum:
     """A CAD file of the optimum, and how far walls of the grid are from where its faces moved them."""
 
     result: str  # name of the file
-    moved: float  # largest move of a wall node that its faces ask for (m)
-    missed: float  # largest distance of a wall node from there (m)
+    moved: float  # largest target move of a wall node by its faces (m)
+    missed: float  # largest distance of a wall node from its target (m)
 
     def __str__(self) -> str:
         return (
@@ -93,7 +93,7 @@ class CadOptimum:
 
     @property
     def warning(self) -> str:
-        """Why file and grid are not one shape; empty where they are."""
+        """Why file and grid are not the same shape; empty if they are."""
         if self.missed <= MOST_MISSED * self.moved:
             return ""
         return (
@@ -104,7 +104,7 @@ class CadOptimum:
 
 def cad_optima(
     study: Study,  # the study
-    names: dict[str, Any],  # what its script gave, at the design that was found
+    names: dict[str, Any],  # namespace of its script, at the optimum
 ) -> list[CadOptimum]:
     """Compare CAD files of the optimum with the grid."""
     found, problem = [], names["problem"]

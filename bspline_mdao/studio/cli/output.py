@@ -36,7 +36,7 @@ def check_outputs(
     inputs: Sequence[Path | str | None] = (),  # files that are read
     comm: Any = ONE,  # the processes
 ) -> None:
-    """Refuse files that cannot be written, before any work is done; of several processes the first one looks."""
+    """Refuse files that cannot be written, before any work is done; the first of several processes checks."""
     on_first(comm, lambda: _check_outputs(outputs, inputs))
 
 
@@ -47,7 +47,7 @@ def _check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str |
         folder = Path(os.path.realpath(path)).parent
         if path.exists() and not (path.is_file() or _is_folder_of_grid(path)):
             raise InputError(f"{path}: is a {'folder' if path.is_dir() else 'device'}; name a file")
-        folder = next(place for place in (folder, *folder.parents) if place.exists())  # what is missing is made
+        folder = next(place for place in (folder, *folder.parents) if place.exists())  # missing folders are created
         if not folder.is_dir():
             raise InputError(f"{path}: '{folder}' is no folder; name another one")
         if not os.access(folder, os.W_OK):
@@ -60,19 +60,19 @@ def _check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str |
 
 
 def _is_folder_of_grid(path: Path) -> bool:
-    """Whether a path is a folder, and one that a grid is written to."""
+    """Whether a path is a folder to which a grid is written."""
     form = format_of_name(path)
     return form is not None and bool(form.folder) and path.is_dir()
 
 
 @contextmanager
 def written_json(
-    path: Path | None,  # file to make or to replace
-    # numbers, truth values, text, and tuples, lists and dicts of them; a number that is not finite becomes null
+    path: Path | None,  # file to create or to replace
+    # numbers, truth values, text, and tuples, lists and dicts of them; non-finite numbers become null
     numbers: dict,
     comm: Any = ONE,  # the processes, of which the first one writes
 ) -> Iterator[None]:
-    """Write numbers as JSON beside their file, if one is named, which they replace when the block ends well."""
+    """Write numbers as JSON next to the named file, if any, and replace it when the block ends well."""
     if path in (None, STDOUT):
         yield
         if path and comm.rank == 0:
@@ -93,7 +93,7 @@ def _text(numbers: dict) -> str:
 
 
 def _plain(value: object) -> Any:
-    """Turn numbers of NumPy into those of Python, and those that are not finite into None."""
+    """Convert numbers of NumPy to Python, and non-finite ones to None."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -108,19 +108,19 @@ def _plain(value: object) -> Any:
 
 
 class _Console(Console):
-    """A console that leaves it to the program what to do about a closed pipe."""
+    """A console that leaves a closed pipe to the program."""
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
 
 
 def print_title(text: str) -> None:
-    """Print what a table is about."""
+    """Print the title of a table."""
     _Console().print(Text(text, style="bold"))
 
 
 def print_lines(lines: Sequence[str], style: str = "") -> None:
-    """Print lines of plain text; what looks like markup stays as it is."""
+    """Print lines of plain text, without markup."""
     for line in lines:
         _Console().print(Text(line, style=style), soft_wrap=True)
 
@@ -128,7 +128,7 @@ def print_lines(lines: Sequence[str], style: str = "") -> None:
 def print_warnings(warnings: Sequence[str]) -> None:
     """Print warnings on standard error, one line each."""
     if warnings:
-        sys.stdout.flush()  # so that they follow what they are about where both streams go to one place
+        sys.stdout.flush()  # so warnings follow their subject if both streams go to the same place
     for warning in warnings:
         _Console(stderr=True).print(Text(f"warning: {warning}", style="yellow"), soft_wrap=True)
 
@@ -137,12 +137,12 @@ def print_table(
     columns: Sequence[str],  # headings
     rows: Sequence[Sequence[object]],  # cells: text, whole numbers, numbers
     *,
-    most: int = 40,  # rows shown; one line says how many more there are
+    most: int = 40,  # rows to print; one line gives the number of the others
 ) -> None:
-    """Print a table: text to the left, numbers to the right."""
+    """Print a table: text left-aligned, numbers right-aligned."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for heading, cell in zip(columns, rows[0] if rows else columns):
-        is_last = heading == columns[-1]  # the one that may wrap on a narrow terminal
+        is_last = heading == columns[-1]  # the column that may wrap on a narrow terminal
         table.add_column(heading, justify="left" if isinstance(cell, str) else "right", no_wrap=not is_last)
     for row in rows[:most]:
         table.add_row(*(Text(_cell(cell)) for cell in row))
@@ -157,7 +157,7 @@ def counts_text(counts: Sequence[int]) -> str:
 
 
 def _cell(value: object) -> str:
-    """Write what is in a cell of a table."""
+    """Format a cell of a table."""
     if isinstance(value, float):
         return f"{value:.3g}" if 0.01 <= abs(value) < 1000.0 else f"{value:.1e}"
     return f"{value:,}" if isinstance(value, int) else str(value)
@@ -167,25 +167,25 @@ MEANING_OF_INVALID = (
     "an element is invalid where one of its corners is folded or flat: where its triple product is not positive. The "
     "splines and the cells of the grid may be valid there, and are what counts; they fold there first when it moves"
 )
-"""What `fit` and `move` say where elements of the control mesh are invalid."""
+"""Remark of `fit` and `move` if elements of the control mesh are invalid."""
 
 
 MEANING_OF_Q = (
     "Q is 1 for a box and near 0 for a skewed cell: small values before are the grid's own, and a move is good where "
     "it keeps them and inverts no cell"
 )
-"""What `move` says of the quality of a grid."""
+"""Remark of `move` on the quality of a grid."""
 
 
 MEANING_OF_UNDECIDED = (
     "an element is undecided where neither is proved: its smallest Jacobian is next to zero, or it lies at a pole; "
     "'quality' of the grid reports on its cells there"
 )
-"""What commands say where spline elements are undecided."""
+"""Remark of commands if spline elements are undecided."""
 
 
 HEIGHTS = ("height_min", "height_median", "height_max")
-"""What is written of heights where there is no baseline to compare with."""
+"""Numbers of heights without a baseline."""
 
 
 def certificate_numbers(certificate: Certificate) -> dict:
@@ -219,13 +219,13 @@ def show_certificate(certificate: Certificate) -> None:
 
 
 def unproved_lines(mesh: MixedMesh) -> list[str]:
-    """Say of which cells of a mesh nothing can be proved."""
+    """Say for which cells of a mesh nothing can be proved."""
     n = mesh.n_cells - sum(map(len, mesh.cells.values()))
     return [f"{counted(n, 'polyhedron', 'polyhedra')}, which have no map: nothing is proved of them"] if n else []
 
 
 def height_numbers(heights: Sequence[PatchHeights], *, is_compared: bool) -> list[dict]:
-    """Collect the heights at walls for JSON: with ratios where they are compared with a baseline."""
+    """Collect the heights at walls for JSON, with ratios if they are compared with a baseline."""
     return [
         {**vars(patch), "lowest": vars(patch.lowest), "highest": vars(patch.highest)}
         if is_compared
@@ -245,9 +245,9 @@ def show_heights(heights: Sequence[PatchHeights], unit: str) -> None:
 
 
 def show_height_ratios(heights: Sequence[PatchHeights]) -> None:
-    """Print the heights at walls relative to those of a baseline, if there are any."""
+    """Print the heights at walls relative to the baseline, if there are any."""
     if heights:
-        print_lines(["heights of the first cells at walls, by those of the baseline:"])
+        print_lines(["heights of the first cells at walls, relative to the baseline:"])
         columns = ["wall", "min", "1 %", "median", "99 %", "max", "worst at"]
         print_table(columns, [(h.patch, *_ratios(h), _place(h.worst[1])) for h in heights])
 
@@ -258,7 +258,7 @@ def _heights(wall: PatchHeights | WallSpacing) -> list[str]:
 
 
 def _ratios(h: PatchHeights) -> list[str]:
-    """Write the heights at a wall relative to those of the baseline."""
+    """Write the heights at a wall relative to the baseline."""
     return [f"{x:.3f}" for x in (h.ratio_min, h.ratio_p01, h.ratio_median, h.ratio_p99, h.ratio_max)]
 
 
@@ -279,7 +279,7 @@ def height_warnings(heights: Sequence[PatchHeights]) -> list[str]:
 
 
 def spacing_numbers(spacings: Sequence[WallSpacing], reynolds: float | None) -> list[dict]:
-    """Collect the spacings at walls for JSON, with an estimate of y+ where a Reynolds number per length is given."""
+    """Collect the spacings at walls for JSON, with an estimate of y+ if a Reynolds number per length is given."""
     return [{**vars(s), **({"y_plus": y_plus(s, reynolds)} if reynolds else {})} for s in spacings]
 
 
@@ -299,6 +299,6 @@ def show_spacings(spacings: Sequence[WallSpacing], reynolds: float | None, unit:
 
 def y_plus(spacing: WallSpacing, reynolds: float) -> float:
     """Estimate y+ at the median height of a wall, at a Reynolds number per unit of length."""
-    # The plate is as long as the middle one of the sides of the wall's box, the chord of most wings: y+ goes with the
+    # The plate is as long as the middle side of the wall's box, the chord of most wings: y+ varies with the
     # fourteenth root of the length.
     return flat_plate_y_plus(spacing.height_median, reynolds, spacing.extents[1])

@@ -31,7 +31,7 @@ PLANFORM = {
     "sweep": Key(_SWEEP, "sweep of the leading edge (deg)", 0.0),
     "stations": Key(
         list_of(POINT, "a list of lists of three numbers"),
-        "span, leading edge and chord (m) at root, kinks and tip, in the place of those above",
+        "span, leading edge and chord (m) at root, kinks and tip, instead of the keys above",
         otherwise="a trapezoid",
     ),
     "tip_length": Key(
@@ -42,7 +42,7 @@ PLANFORM = {
 
 SECTIONS = {
     "root": Key(TEXT, "section at the root, as the command airfoil takes it; files from here", is_required=True),
-    "tip": Key(TEXT, "section at the tip, blended with that of the root along the span", otherwise="that of the root"),
+    "tip": Key(TEXT, "section at the tip, blended with the root section along the span", otherwise="the root section"),
 }
 """Table ``[sections]``."""
 
@@ -52,11 +52,11 @@ STATIONS = {
     "chord": Key(POSITIVE, "chord (m)", is_required=True),
     "section": Key(
         TEXT,
-        "section, as those of [sections]; needed at the root",
+        "section, as in [sections]; needed at the root",
         otherwise="blended between its neighbours; at the tip the last one",
     ),
 }
-"""Tables ``[[stations]]``, in the place of ``[sections]`` and of the planform's numbers."""
+"""Tables ``[[stations]]``, instead of ``[sections]`` and of the planform's numbers."""
 
 GRID = {
     "nodes": Key(TRIPLE, "nodes per block along the stream, away from the wing and along the span", [23, 33, 17]),
@@ -76,7 +76,7 @@ _TABLES = {"planform": PLANFORM, "sections": SECTIONS, "grid": GRID}
 
 def read_wing(
     path: Path,
-) -> tuple[Wing, Grid, float | None]:  # wing; grid; Reynolds number per metre, where one is given
+) -> tuple[Wing, Grid, float | None]:  # wing; grid; Reynolds number per metre, if given
     """Read the file, and make the wing and the H-H grid about it."""
     tables = Tables.read(path, "a planform", "give a file as 'bspline-mdao wing --help' shows one")
     tables.known(tables.document, (*_TABLES, "stations"), (), "table")
@@ -93,14 +93,14 @@ def read_wing(
 
 
 def _of_two_sections(tables: Tables, planform: Table) -> Wing:
-    """The wing of a section at the root, and another one at the tip or none."""
+    """The wing of a section at the root, and another one or none at the tip."""
     form, sections = _form(tables, planform), tables.table("sections", SECTIONS)
     root, tip = (sections[where] and _section(tables, sections[where], ("sections", where)) for where in SECTIONS)
     return Wing(form, root, tip, planform["tip_length"])
 
 
 def _of_stations(tables: Tables, planform: Table) -> Wing:
-    """The wing of stations that have sections of their own."""
+    """The wing of stations with their own sections."""
     for name, keys in (("sections", SECTIONS), ("planform", PLANFORM.keys() - {"tip_length"})):
         if given := [key for key in tables.document.get(name, {}) if key in keys]:
             raise tables.refuse((name, given[0]), "and [[stations]] as well; give one of both")
@@ -120,7 +120,7 @@ def _of_stations(tables: Tables, planform: Table) -> Wing:
 
 
 def _form(tables: Tables, planform: Table) -> Planform | KinkedPlanform:
-    """The planform, of stations or a trapezoid."""
+    """The planform, from stations or as a trapezoid."""
     given = [name for name in ("root_chord", "semi_span", "taper", "sweep") if name in tables.document["planform"]]
     try:
         if planform["stations"] and given:
@@ -135,7 +135,7 @@ def _form(tables: Tables, planform: Table) -> Planform | KinkedPlanform:
 
 
 def _section(tables: Tables, name: str, path: tuple[str, ...]) -> Section:
-    """The section of an airfoil that a key names; a file is looked for beside the planform's."""
+    """The section of an airfoil that a key names; relative files start at the planform's folder."""
     file = tables.path.parent / name
     try:
         return airfoil(file if file.is_file() else name).section
@@ -144,7 +144,7 @@ def _section(tables: Tables, name: str, path: tuple[str, ...]) -> Section:
 
 
 def _spacing(root_chord: float, grid: Table) -> Spacing:
-    """Intervals next to the wing: what is given, and else what fits the nodes."""
+    """Intervals next to the wing: given, or otherwise fitting the nodes."""
     asked = {name: grid[name] for name in ("leading", "trailing", "tip", "root")}
     asked["off_wall"] = first_cell_of(root_chord, grid["first_cell"], grid["y_plus"], grid["reynolds"])
     given = {name: value for name, value in asked.items() if value is not None}

@@ -1,6 +1,6 @@
-"""The program: its group of commands, how one is declared, and options that several have.
+"""The program: its group of commands, the declaration of commands, and shared options.
 
-Names that help shows come from the tables of what there is.
+Names in help texts come from the tables of what is available.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
-"""Type of options that are positive numbers."""
+"""Type of options with positive numbers."""
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -51,7 +51,7 @@ NAMES = {
     "definitions": DEFINITIONS,
     "meshes": mesh_names(),
 }
-"""What stands in braces in the texts of commands."""
+"""Texts for braces in the docstrings of commands."""
 
 
 SECTIONS = {
@@ -61,7 +61,7 @@ SECTIONS = {
     "Look at results": ("quality", "live", "seams", "report", "cad"),
     "This program": ("warm-up", "completion"),
 }
-"""Commands as the help of the program lists them."""
+"""Commands in the order of the program's help."""
 
 
 def example(*lines: str) -> str:
@@ -70,7 +70,7 @@ def example(*lines: str) -> str:
 
 
 def command(*examples: str) -> Callable[[Callable], click.Command]:
-    """Return what makes a command of a function: its docstring is the help, with `NAMES` put in."""
+    """Return a decorator that makes a command of a function: its docstring is the help, with `NAMES` inserted."""
 
     def declare(function: Callable) -> click.Command:
         text = cleandoc(function.__doc__ or "").format(**NAMES)
@@ -87,7 +87,7 @@ def command(*examples: str) -> Callable[[Callable], click.Command]:
 
 
 def _run(function: Callable) -> Callable:
-    """Return what runs the function of a command with the options that all commands have."""
+    """Return a function that runs a command with the options that all commands have."""
 
     @wraps(function)
     @click.pass_context
@@ -105,9 +105,9 @@ def _run(function: Callable) -> Callable:
 
 def output_option(
     metavar: str,
-    what: str,  # it is, for the help
+    what: str,  # its content, for the help
 ) -> Callable[[Callable], Callable]:
-    """Return what declares the file that a command writes: one that is there is replaced if that is asked for alone."""
+    """Return a decorator that declares the output file of a command: an existing one is replaced only on request."""
 
     def declare(function: Callable) -> Callable:
         overwrite = click.option(
@@ -126,7 +126,7 @@ def output_option(
 
 
 def kept_output() -> Path | None:
-    """The output of the command at work, unless it is to be replaced where it is there."""
+    """The output of the current command, unless an existing one is to be replaced."""
     context = click.get_current_context(silent=True)
     return None if context is None or context.meta.get(_OVERWRITE, True) else context.params["output"]
 
@@ -148,14 +148,14 @@ json_option = click.option(
 
 
 COMMON = ("--json", "--quiet", "--verbose", "--help")
-"""Options that many commands have; the help lists them last."""
+"""Options of many commands; the help lists them last."""
 
 
 class _Colours(click.HelpFormatter):
-    """Help with headings in bold type and names in colour, which click leaves out where no terminal shows them."""
+    """Help with headings in bold type and names in colour, which click leaves out if no terminal shows them."""
 
     def write_usage(self, prog: str, args: str = "", prefix: str | None = None) -> None:
-        """Write the line that shows how a command is called."""
+        """Write the usage line."""
         super().write_usage(prog, args, click.style(prefix or "Usage: ", bold=True))
 
     def write_heading(self, heading: str) -> None:
@@ -172,7 +172,7 @@ class _Context(click.Context):
 
 
 class _Command(click.Command):
-    """A command whose help lists the options of many commands after its own."""
+    """A command whose help lists shared options after its own."""
 
     context_class = _Context
 

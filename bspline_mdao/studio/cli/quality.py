@@ -1,4 +1,4 @@
-"""The command ``quality``: the cells of a grid, and what a move made of them."""
+"""The command ``quality``: the cells of a grid, and their changes in a move."""
 
 from __future__ import annotations
 
@@ -51,33 +51,33 @@ from .output import (
 from .sources import file_of, load_grid, stored_grid
 
 MOST_WORST = 5
-"""Cells with the smallest corners that are printed."""
+"""Number of cells with the smallest corners to print."""
 
 MOST_LISTED = 10
-"""Inverted cells that are printed."""
+"""Largest number of inverted cells to print."""
 
 
 def measure_quality(
-    # grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid; or CGNS of curved hexahedra, of which
-    # Jacobians are measured
+    # grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid; or a CGNS file of curved hexahedra,
+    # whose Jacobians are measured
     grid_name: str,
     bins: int,  # bins of the distribution of Q
     json: Path | None,  # numbers to write
     patches: Path | None = None,  # declared patches
-    # the grid before it was moved, as ``grid_name``: decides which cells are inverted now and were not, and what the
-    # heights at walls are compared with
+    # the grid before the move, like ``grid_name``: determines which cells are newly inverted, and the reference of the
+    # heights at walls
     baseline: str | None = None,
-    units: str | None = None,  # unit of lengths, where the file does not say it
+    units: str | None = None,  # unit of lengths, if the file does not say it
 ) -> None:
-    """Measure the cells of a grid and show what they are like."""
-    # Several processes read and measure a part each.
+    """Measure the cells of a grid and show the results."""
+    # Each of several processes reads and measures a part.
     comm = world()
     check_outputs([json], [file_of(grid_name), patches, baseline and file_of(baseline)], comm)
     curved = on_first(comm, lambda: _curved_of(grid_name))
     if curved is not None:
         if patches or baseline:
             raise InputError(
-                f"{grid_name}: is of curved hexahedra, which are measured by themselves; leave out "
+                f"{grid_name}: has curved hexahedra, which are measured on their own; leave out "
                 f"{'--patches' if patches else '--baseline'}"
             )
         measure_curved(grid_name, curved, json, comm)
@@ -107,14 +107,14 @@ def measure_quality(
 def _measure_mesh(
     name: str, json: Path | None, patches: Path | None, baseline: str | None, units: str | None, comm: Any
 ) -> None:
-    """Measure a mesh without structure, by the first process."""
+    """Measure an unstructured mesh, by the first process."""
     if units:
         raise InputError(f"{name}: is an unstructured mesh, measured in its own unit; leave out --units")
     on_first(comm, lambda: measure_mesh(name, json, patches, baseline))
 
 
 def _curved_of(grid_name: str) -> CurvedGrid | None:
-    """Curved hexahedra of a CGNS file; None where a grid is something else."""
+    """Curved hexahedra of a CGNS file; None if a grid is something else."""
     file = file_of(grid_name)
     if file is None or Path(file).suffix == MODEL or not Path(file).is_file() or not is_hdf5(file):
         return None
@@ -122,7 +122,7 @@ def _curved_of(grid_name: str) -> CurvedGrid | None:
 
 
 class _Read(NamedTuple):
-    """What a process has read of a grid: all but nodes, those of its pieces, and what is wrong with it."""
+    """Data of a grid read by a process: all but the nodes, the nodes of its pieces, and errors."""
 
     header: Any
     partition: Partition
@@ -139,7 +139,7 @@ class _Read(NamedTuple):
 
 
 def _read(grid_name: str, patches: Path | None, comm: Any, units: str | None = None) -> _Read:
-    """The grid of a file, or the one that a fitted model regenerates."""
+    """The grid of a file, or the grid that a fitted model regenerates."""
     is_model = Path(grid_name).suffix == MODEL
     if is_model and units:
         raise InputError(f"{grid_name}: a model has the unit that it was fitted with; leave out --units")
@@ -159,7 +159,7 @@ def _read(grid_name: str, patches: Path | None, comm: Any, units: str | None = N
 
 
 def _model_in_parts(file: str, patches: Path | None, comm: Any) -> _Read:
-    """What a fitted model regenerates of the pieces of this process."""
+    """Regenerated nodes of a fitted model on the pieces of this process."""
     subdomain = LocalModel.load(file, comm)
     header, shapes = subdomain.header, subdomain.topology.shapes
 
@@ -175,7 +175,7 @@ def _model_in_parts(file: str, patches: Path | None, comm: Any) -> _Read:
 
 
 def _grid_in_parts(grid_name: str, patches: Path | None, comm: Any, units: str | None) -> _Read:
-    """The nodes of the pieces of this process; the first one sees all of them once, to find what joins them."""
+    """The nodes of the pieces of this process; the first process reads all of them once, to find the interfaces."""
     grid = stored_grid(grid_name, patches, comm, is_lifted=patches is not None, units=units)
     topology = on_first(comm, lambda: find_topology(grid.grid()))
     partition = Partition.of(topology, comm.size)
@@ -185,25 +185,25 @@ def _grid_in_parts(grid_name: str, patches: Path | None, comm: Any, units: str |
 
 
 def _baseline_of(name: str, moved: _Read, grid_name: str, comm: Any) -> _Read:
-    """The grid before it was moved, with the patches of both."""
+    """The grid before the move, with the patches of both."""
     baseline = _read(name, None, comm)
     grid, header = moved.header, baseline.header
     if header.shapes != grid.shapes:
         raise InputError(
-            f"{grid_name}: its blocks have {_shapes_text(grid)} nodes, those of the baseline {name} "
+            f"{grid_name}: its blocks have {_shapes_text(grid)} nodes, the baseline {name} has "
             f"{_shapes_text(header)}; give the grid that was moved"
         )
     return baseline._replace(header=merge_patches(header, grid.patches, grid_name))
 
 
 def _periodic(before: _Read, after: _Read | None) -> list[dict]:
-    """Numbers of the periodic sides of a grid, and of that before it was moved, by the first process."""
+    """Numbers of the periodic sides of a grid, and of the grid before the move, by the first process."""
     baseline, grid = _whole(before), None if after is None else _whole(after)
     return on_first(before.comm, lambda: block_numbers(before.topology, baseline, grid))
 
 
 def _whole(read: _Read) -> Any:
-    """All of a grid, on the first process."""
+    """The whole grid, on the first process."""
     if read.comm.size == 1:
         return read.header
     parts = read.comm.gather(read.nodes)
@@ -256,7 +256,7 @@ def _numbers(
 
 
 def _worst_text(cell: WorstCell, unit: str) -> str:
-    """Write what a cell is like and where it is."""
+    """Describe a cell and its place."""
     place = ", ".join(f"{x:.4g}" for x in cell.place)
     patch = f", at {cell.patch}" if cell.patch else ""
     return f"{cell}: corner {cell.corner:.3g}, Q {cell.q:.3g}, around ({place}) {unit}{patch}"

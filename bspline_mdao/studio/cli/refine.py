@@ -26,12 +26,12 @@ from .output import (
 from .units import unit_warnings
 
 MOST_NODES = 100_000_000
-"""A member with more nodes is refused: its evaluation takes some 200 bytes a node."""
+"""Members with more nodes are refused: their evaluation takes about 200 bytes per node."""
 
 
 def refine_model(
     model: Path,  # fitted model
-    factor: float,  # cells per direction, divided by those of the grid
+    factor: float,  # on the cells of the grid per direction
     output: Path,  # output, json: grid and numbers to write
     json: Path | None,
     # degree of curved elements, as many per direction as the member has cells; by default the member is structured
@@ -57,7 +57,7 @@ def refine_model(
         with written_json(json, {**numbers, "blocks": grid.shapes, "n_nodes": grid.n_nodes}):
             write_grid(output, grid, topology)
     print_title(
-        f"{output}: {counted(grid.n_nodes, 'node')}, {grid.n_nodes / fitted.n_nodes:.3g} times those of {model}"
+        f"{output}: {counted(grid.n_nodes, 'node')}, {grid.n_nodes / fitted.n_nodes:.3g} times as many as {model}"
     )
     rows = [
         (number, counts_text(before), counts_text(block.shape), block.name)
@@ -70,7 +70,7 @@ def refine_model(
 
 
 def _checked_topology(model: Path, fitted: FittedModel, factor: float, degree: int = 1) -> Topology:
-    """Topology of a member; one that memory does not take is refused."""
+    """Topology of a member; refuse one that does not fit in memory."""
     topology = refined_topology(fitted.topology, factor)
     n_nodes = topology.n_nodes * degree**3
     if n_nodes > MOST_NODES:
@@ -81,7 +81,7 @@ def _checked_topology(model: Path, fitted: FittedModel, factor: float, degree: i
 def _write_curved(
     model: Path, factor: float, output: Path, json: Path | None, degree: int, allow_invalid: bool
 ) -> None:
-    """Write curved elements and say what they are."""
+    """Write curved elements and describe them."""
     curved_format(output)
     with progress_bar() as progress:
         progress(0.0, "reading")

@@ -1,4 +1,4 @@
-"""The commands that look at grids, models and results, and their options."""
+"""The commands for grids, models and results, and their options."""
 
 from __future__ import annotations
 

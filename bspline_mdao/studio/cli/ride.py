@@ -41,23 +41,23 @@ CASES = ".sql"
 class RideOptions:
     """Options of the command ``ride``."""
 
-    deform: tuple[str, ...] = ()  # deformations of the design surface, one after the other
+    deform: tuple[str, ...] = ()  # deformations of the design surface, in order
     to: Path | None = None  # control points to follow instead
-    wall: tuple[str, ...] = ()  # markers of the mesh that are walls; those on walls of the grid where there is none
+    wall: tuple[str, ...] = ()  # wall markers of the mesh; by default those on walls of the grid
     tolerance: float | None = None  # distance up to which nodes may be outside the grid (m)
-    hold_outside: bool = False  # hold nodes that are farther outside
-    # design, slide, fix, release: as those of ``move``
+    hold_outside: bool = False  # fix nodes that are farther outside
+    # design, slide, fix, release: as in ``move``
     design: tuple[str, ...] = ()
     slide: tuple[str, ...] = ()
     fix: tuple[str, ...] = ()
     release: tuple[str, ...] = ()
-    allow_invalid: bool = False  # write a mesh with inverted cells all the same
-    mover: MoverOptions = field(default_factory=MoverOptions)  # how to move
+    allow_invalid: bool = False  # write a mesh with inverted cells anyway
+    mover: MoverOptions = field(default_factory=MoverOptions)  # mover and its settings
 
 
 @dataclass(frozen=True, eq=False)
 class _MovedMesh:
-    """A mesh that went along, and what is reported about it."""
+    """A mesh that was moved along, and what is reported about it."""
 
     mesh: EmbeddedMeshState
     cells: MovedCells
@@ -70,13 +70,13 @@ def ride_along(
     mesh_file: Path,
     output: Path,  # output, json: mesh and numbers to write
     json: Path | None,
-    options: RideOptions,  # what to move where, and how
+    options: RideOptions,  # deformation and how to move
 ) -> None:
-    """Move the control mesh of a model, take a mesh along and write it."""
+    """Move the control mesh of a model, move a mesh along and write it."""
     check_outputs([output, json], [model_file, mesh_file, options.to, *filter(os.path.isfile, options.deform)])
     check_same_format(mesh_file, output)
     if bool(options.deform) == (options.to is not None):
-        raise InputError("ride: nothing says where to; give --deform or --to, one of them")
+        raise InputError("ride: no target is given; give either --deform or --to")
     with progress_bar() as progress:
         progress(0.0, "reading")
         model = FittedModel.load(model_file)
@@ -117,7 +117,7 @@ def _state(
 
 
 def _known_points(path: Path, model: FittedModel) -> np.ndarray:
-    """Control points out of a file."""
+    """Control points from a file."""
     if path.suffix.lower() != CASES:
         return read_points(path, model.mesh.n_control_points)
     from ...core.om.drivers.case_history import read_history
@@ -144,7 +144,7 @@ def _known_points(path: Path, model: FittedModel) -> np.ndarray:
 def _asked(
     model: FittedModel, riding: EmbeddedMesh, points: np.ndarray, deformation: Deformation, design: tuple[str, ...]
 ) -> np.ndarray:
-    """Where nodes of walls are to be: those of the design surface where the deformation puts them."""
+    """Targets of wall nodes, those on the design surface moved by the deformation."""
     walls, rows = riding.walls, riding.asked_rows
     assert walls is not None
     at_rest, wall, surface = riding.mesh.points[rows], points[rows], SurfaceGrid.of(model, design or None)
@@ -194,12 +194,12 @@ def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _MovedM
 
 
 def _slides(of: EmbeddedMesh) -> tuple[Slide, ...]:
-    """Patches of the grid that nodes of a mesh slide on."""
+    """Patches of the grid on which nodes of a mesh slide."""
     return () if of.sliding is None else of.sliding.slides
 
 
 class _StoredCounts(NamedTuple):
-    """Numbers of nodes of the file, each once where the mesh has copies of it."""
+    """Numbers of nodes of the file, each counted once if the mesh has copies of it."""
 
     left: int
     walls: int
@@ -207,7 +207,7 @@ class _StoredCounts(NamedTuple):
 
 
 def _stored_counts(of: EmbeddedMesh) -> _StoredCounts:
-    """Count nodes of the file that are held, on walls, and follow these."""
+    """Count nodes of the file that are fixed, on walls, or follow walls."""
     none = np.zeros(0, dtype=np.int64)
     walls = of.asked_rows
     followers = (
@@ -219,7 +219,7 @@ def _stored_counts(of: EmbeddedMesh) -> _StoredCounts:
 def show_ride(output: Path, found: _MovedMesh, unit: str) -> None:
     """Print the report of a ride."""
     of, n_nodes = found.mesh.of, _stored_counts(found.mesh.of)
-    in_plane = " of two dimensions" if of.mesh.n_copies > 1 else ""
+    in_plane = " in two dimensions" if of.mesh.n_copies > 1 else ""
     print_title(f"{of.mesh.source}: {counted(of.mesh.n_stored, 'node')}, {counted(of.mesh.n_cells, 'cell')}{in_plane}")
     moved = np.linalg.norm(found.mesh.nodes - of.mesh.points, axis=1).max(initial=0.0)
     lines = [f"nodes moved by up to {moved:.3g} {unit}"]
@@ -240,7 +240,7 @@ def show_ride(output: Path, found: _MovedMesh, unit: str) -> None:
 
 
 def _trials(model: FittedModel, model_file: Path, riding: EmbeddedMesh, options: RideOptions) -> list[Trial]:
-    """Try what may cure a move, letting go of the patches that the design surface ends on first."""
+    """Try what may cure a move, releasing first the patches on which the design surface ends."""
 
     def n_inverted(other: RideOptions) -> int:
         state, _ = _state(model, model_file, riding, other)
@@ -264,11 +264,11 @@ def _complaint(found: _MovedMesh, trials: Sequence[Trial]) -> str:
 
 
 def _warnings(found: _MovedMesh) -> list[str]:
-    """List what is wrong with a mesh that was written."""
+    """List problems of a mesh that was written."""
     of, warnings = found.mesh.of, []
     if of.walls is None:
         warnings.append(
-            "no boundary of the mesh lies on a wall of the fitted grid, so that no node follows a wall; name its walls "
+            "no boundary of the mesh lies on a wall of the fitted grid, so no node follows a wall; name its walls "
             "by --wall if it has any"
         )
     return warnings + found.cells.warnings() + [str(gap) for gap in found.gaps]

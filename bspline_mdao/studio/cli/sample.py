@@ -1,4 +1,4 @@
-"""The command ``sample``: a study is made a script, which is run, and its designs are summed up on a card."""
+"""The command ``sample``: it turns a study into a script, runs it, and summarises the designs on a card."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CARD = "card.md"
 """Name of the card in the folder of the results."""
 
 MOST_REASONS = 5
-"""Reasons of refusals that are named."""
+"""Largest number of reasons for refusals on the card."""
 
 
 def sample_study(
@@ -37,7 +37,7 @@ def sample_study(
     restart: bool,
     json: Path | None = None,  # numbers to write
 ) -> None:
-    """Make the designs of a study, and show what came out."""
+    """Make the designs of a study, and show the results."""
     found = read_study(study)
     table = None if plan in PLANS else _table(plan)
     _check(found, n, table, has_flow, output, restart)
@@ -69,7 +69,7 @@ def _table(plan: str) -> Path:
 
 
 def _check(study: Study, n: int | None, table: Path | None, has_flow: bool, output: Path, restart: bool) -> None:
-    """Refuse options that contradict each other or the study, and a folder that has something else."""
+    """Refuse options that contradict each other or the study, and a folder with other contents."""
     if (n is None) == (table is None):
         raise InputError(
             "give -n, the number of designs" if n is None else "a table says how many designs; leave -n out"
@@ -87,12 +87,12 @@ def _check(study: Study, n: int | None, table: Path | None, has_flow: bool, outp
 
 
 def _reasons(designs: Designs) -> list[tuple[int, str]]:
-    """How often designs were refused for what, by the beginnings of reasons: places differ from design to design."""
+    """Numbers of refused designs by the beginnings of the reasons: places differ from design to design."""
     return [(n, reason) for reason, n in Counter(designs.refused.values()).most_common(MOST_REASONS)]
 
 
 def _card(designs: Designs, study: Path) -> str:
-    """What a file of designs holds, for people who find it."""
+    """Description of the contents of a file of designs, for people who find it."""
     about, refused = designs.about, designs.refused
     lines = [
         f"# Designs of {study.name}",
@@ -106,7 +106,7 @@ def _card(designs: Designs, study: Path) -> str:
         "|---|---|---|---|",
         *(f"| {name} | {low:.6g} | {high:.6g} | {units} |" for name, (low, high, units) in designs.ranges.items()),
         "",
-        "## What came of it",
+        "## Results",
         "",
         "| number | smallest | mean | largest |",
         "|---|---|---|---|",
@@ -149,7 +149,7 @@ def _numbers(designs: Designs, study: Path, output: Path, seconds: float) -> dic
 
 
 def _show(designs: Designs, output: Path, seconds: float) -> None:
-    """Say what came out."""
+    """Print the results."""
     rows = [
         (name, float(of.min()), float(of.max()))
         for name, of in {**designs.quality, **designs.outputs}.items()

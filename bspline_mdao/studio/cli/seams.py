@@ -1,4 +1,4 @@
-"""The command ``seams``: how smooth the walls of a model are across the seams between its blocks."""
+"""The command ``seams``: smoothness of the walls of a model across the seams between its blocks."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from ...core.model.fitted_model import FittedModel
 from .output import check_outputs, print_lines, print_table, print_title, written_json
 
 MOST_LISTED = 10
-"""Seams and poles that are printed, those with the largest kinks."""
+"""Number of seams and poles to print, those with the largest kinks."""
 
 
 def measure_seams(
     model_file: Path,  # fitted model
-    patch: tuple[str, ...],  # patches by name or pattern; all walls where there is none
-    # deformations of the walls after which seams are measured; what is smooth is decided before
+    patch: tuple[str, ...],  # patches by name or pattern; all walls if empty
+    # deformations of the walls, after which seams are measured; which are smooth is decided before
     deform: tuple[str, ...],
     max_kink: float,  # largest kink (deg) at which a seam counts as smooth
-    mirror: bool,  # take edges in planes of symmetry as well, where the surface meets its mirror image
+    mirror: bool,  # include edges in planes of symmetry, where the surface meets its mirror image
     json: Path | None,  # numbers to write
 ) -> None:
-    """Measure kinks and curvatures across the seams of a model, and how flat its poles are."""
+    """Measure kinks and curvatures across the seams of a model, and the flatness of its poles."""
     check_outputs([json], [model_file, *(Path(text) for text in deform if Path(text).is_file())])
     with progress_bar() as progress:
         progress(0.0, "reading")
@@ -54,7 +54,7 @@ def measure_seams(
 
 
 def _deformed(model: FittedModel, deform: tuple[str, ...]) -> np.ndarray:
-    """Control points of a model whose surface is deformed; those inside of the volumes stay."""
+    """Control points of a model with a deformed surface; control points inside the volumes stay."""
     points = model.control_points.copy()
     if deform:
         mesh = moving_mesh(model)
@@ -84,7 +84,7 @@ def show_seams(
     max_kink: float,
     before: dict[int, float] | None,
 ) -> None:
-    """Print the seams with the largest kinks, smooth ones and edges apart, and the poles."""
+    """Print the seams with the largest kinks, smooth seams and edges separately, and the poles."""
     print_title(f"{name}: {counted(len(seams), 'seam')}, {counted(len(poles), 'pole')}")
     edges = [seam for seam in seams if not any(seam is other for other in smooth)]
     for what, chosen in (("smooth seam", smooth), ("edge", edges)):
@@ -109,7 +109,7 @@ def show_seams(
 
 
 def _row(seam: SeamContinuity, before: dict[int, float] | None) -> tuple:
-    """One row of a seam: its sides, kink, that of before, where it is largest, and the jump of curvature."""
+    """One row of a seam: its sides, kink, kink before, place of the largest kink, and the jump of curvature."""
     was = () if before is None else (f"{before[seam.number]:.3g}",)
     place = _place(seam.points[np.argmax(seam.kinks)]) if len(seam.kinks) else "-"
     return (_sides(seam.names), f"{seam.max_kink:.3g}", *was, place, f"{seam.max_jump:.3g}")

@@ -1,6 +1,6 @@
-"""The grid of a command: from a file, or a built-in one by its name.
+"""The grid of a command: from a file, or a built-in one by name.
 
-What reads and makes grids is imported when it is called: help shows the names, and should not wait for NumPy.
+Readers and generators are imported when they are called: help shows the names, and should not wait for NumPy.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 
 
 def file_of(grid_name: str) -> str | None:
-    """Return the name of the file that a grid is read from; None for a built-in grid."""
+    """Return the name of the file of a grid; None for a built-in grid."""
     return None if grid_name.startswith("@") else grid_name
 
 
 def load_grid(
     grid_name: str,  # file; or a built-in grid as ``@NAME``, or ``@NAME:IxJxK`` with the nodes per block
     patches: Path | None = None,  # TOML or NMF file
-    is_lifted: bool = True,  # make a plane grid one cell deep
-    units: str | None = None,  # unit of its lengths, where its file does not say it
+    is_lifted: bool = True,  # make a planar grid one cell deep
+    units: str | None = None,  # unit of its lengths, if its file does not say it
 ) -> Grid:
     """Read or generate a grid, and declare its patches."""
-    from ...grids.io.files import read_grid  # NumPy and HDF5, for which help should not wait
+    from ...grids.io.files import read_grid  # they need NumPy and HDF5, for which help should not wait
     from ...grids.io.patches import read_patches
     from ...grids.io.plane_grids import lift_plane_grid
     from ...grids.topology.length_unit import in_unit
@@ -45,7 +45,7 @@ def stored_grid(
     is_lifted: bool = True,
     units: str | None = None,
 ) -> StoredGrid:
-    """Open a grid for several processes, which read what they need of a file; a built-in grid each of them makes."""
+    """Open a grid for several processes, which read what they need of a file; each makes a built-in grid itself."""
     from ...base.numerics.processes import together
     from ...grids.io.files import open_grid
     from ...grids.topology.length_unit import in_unit
@@ -53,7 +53,7 @@ def stored_grid(
 
     if file_of(grid_name):
         stored = open_grid(grid_name, None, comm)
-        if not (is_lifted and all(1 in shape for shape in stored.shapes)):  # others may be plane, and are small
+        if not (is_lifted and all(1 in shape for shape in stored.shapes)):  # others may be planar, and are small
             return in_unit(open_grid(grid_name, patches, comm) if patches else stored, units)
     with together(comm):
         return StoredGrid.of(load_grid(grid_name, patches, units=units))

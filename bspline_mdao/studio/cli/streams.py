@@ -1,4 +1,4 @@
-"""Where a command prints: text on standard output, warnings and errors on standard error, numbers where asked."""
+"""Output streams of a command: text on standard output, warnings and errors on standard error, numbers as requested."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ...base.numerics.progress import say_compilation
 __all__ = ["STDOUT", "numbers_stream", "streams"]
 
 STDOUT = Path("-")
-"""Name of a file that is standard output."""
+"""File name that stands for standard output."""
 
 _NUMBERS = f"{__name__}.numbers"
 """Key of the stream of numbers in the context of a command."""
@@ -26,10 +26,10 @@ _NUMBERS = f"{__name__}.numbers"
 def streams(
     context: click.Context,  # of the command
     *,
-    is_quiet: bool,  # print warnings and errors alone
-    has_numbers: bool,  # standard output is for numbers alone
+    is_quiet: bool,  # print only warnings and errors
+    has_numbers: bool,  # standard output is reserved for numbers
 ) -> Iterator[None]:
-    """Let a command print where it is asked to."""
+    """Direct the output of a command to the requested streams."""
     context.meta[_NUMBERS] = sys.stdout
     with ExitStack() as stack:
         if is_quiet:
@@ -41,5 +41,5 @@ def streams(
 
 
 def numbers_stream() -> TextIO:
-    """Standard output as it was before text went elsewhere."""
+    """Standard output before text was redirected."""
     return click.get_current_context().meta[_NUMBERS]

@@ -1,4 +1,4 @@
-"""Signals that end a process, made interrupts from the keyboard: what an interrupt leaves behind, they leave too."""
+"""Signals that end a process, turned into keyboard interrupts, so both leave the same state behind."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from types import FrameType
 __all__ = ["interrupt_when_terminated"]
 
 SIGNALS = ("SIGTERM", "SIGHUP")
-"""What batch systems and ``kill`` send, and a terminal that is closed."""
+"""Signals of batch systems, of ``kill``, and of a terminal that is closed."""
 
 
 def interrupt_when_terminated() -> None:
-    """Treat `SIGNALS` as an interrupt from now on, but for those that are ignored, as under ``nohup``."""
+    """Treat `SIGNALS` as an interrupt from now on, except for ignored ones, as under ``nohup``."""
     if threading.current_thread() is not threading.main_thread():
         return
     for name in SIGNALS:
@@ -23,7 +23,7 @@ def interrupt_when_terminated() -> None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Do what an interrupt does here; where a shell has it ignored, as in the background, what it does by default."""
+    """Act as an interrupt; if a shell has it ignored, as in the background, act as the signal by default."""
     handler = signal.getsignal(signal.SIGINT)
     if not callable(handler):
         raise KeyboardInterrupt

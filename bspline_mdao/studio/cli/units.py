@@ -1,4 +1,4 @@
-"""The option ``--units`` of commands that read grids, and what is said of units where grids are written."""
+"""The option ``--units`` of commands that read grids, and remarks on units where grids are written."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ units_option = click.option(
 
 
 def unit_warnings(output: Path, grid: Grid | MixedMesh) -> list[str]:
-    """Say that OpenFOAM takes for metres what is in another unit."""
+    """Warn that OpenFOAM takes lengths in another unit for metres."""
     if output.name != POLYMESH or grid.length_unit == "m":
         return []
     return [

@@ -1,4 +1,4 @@
-"""The command ``warm-up``: usual commands in several processes, so that their kernels are compiled."""
+"""The command ``warm-up``: it runs usual commands in several processes, so that their kernels are compiled."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ from .words import PROGRAM
 
 @dataclass(frozen=True)
 class WarmUp:
-    """What usual commands need of the kernels, and what was compiled of it."""
+    """The kernels that usual commands need, and how many of them were compiled."""
 
     needed: frozenset[tuple[str, str]]  # index file and signature of each specialisation
-    n_compiled: int  # specialisations that were not there
+    n_compiled: int  # specialisations that were missing
     n_processes: int
     seconds: float
 
     @property
     def n_kernels(self) -> int:
-        """Number of functions that are compiled, for one or several signatures each."""
+        """Number of functions that are compiled, each for one or several signatures."""
         return len({index for index, _ in self.needed})
 
 
 def warm_up(processes: int | None, json: Path | None) -> None:
-    """Compile the kernels that usual commands need, and say what was done."""
+    """Compile the kernels that usual commands need, and report what was done."""
     check_outputs([json])
     folder, key = Path(kernel_folder()), _key()
     stamp = folder / f"warm-up-{key}.json"
@@ -79,17 +79,17 @@ def warm_up(processes: int | None, json: Path | None) -> None:
 
 def compile_kernels(
     names: Sequence[str],  # chains of commands, see `CHAINS`
-    processes: int | None,  # how many run at a time; by default as many as cores
+    processes: int | None,  # how many run at a time; by default one per core
     progress: Progress,
 ) -> WarmUp:
-    """Run chains of commands in processes, which share what they compile."""
+    """Run chains of commands in processes that share their compiled kernels."""
     began, wanted = time.monotonic(), processes or _n_cores()
     n_processes = min(wanted, len(names)) if HAS_LOCKS else 1
     n_commands, n_ran, n_compiled = sum(len(CHAINS[name]) for name in names), 0, 0
     needed: set[tuple[str, str]] = set()
     waiting: list[str] = list(names)
     running: dict[str, subprocess.Popen] = {}
-    lines: queue.SimpleQueue[tuple[str, str]] = queue.SimpleQueue()  # name of the chain and what its process says
+    lines: queue.SimpleQueue[tuple[str, str]] = queue.SimpleQueue()  # name of the chain and a line of its process
     with tempfile.TemporaryDirectory() as scratch:
         locks = Path(scratch, "locks")
         locks.mkdir()
@@ -137,7 +137,7 @@ def _start(name: str, folder: Path, locks: Path, lines: queue.SimpleQueue) -> su
 
 
 def _end(worker: subprocess.Popen, name: str, folder: Path) -> None:
-    """Wait for the process of a chain, and say what it said if it failed."""
+    """Wait for the process of a chain, and report its output if it failed."""
     if worker.wait():
         said = (folder / "stderr.txt").read_text(errors="replace").strip().splitlines()
         reason = said[-1] if said else f"status {worker.returncode}"
@@ -145,12 +145,12 @@ def _end(worker: subprocess.Popen, name: str, folder: Path) -> None:
 
 
 def _n_cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _key() -> str:
-    """Hash of all that decides what is compiled to what: sources, versions, processor and environment."""
+    """Hash of all that determines the compiled code: sources, versions, processor and environment."""
     import llvmlite.binding as llvm
     import numba
 
@@ -164,7 +164,7 @@ def _key() -> str:
 
 
 def _read(stamp: Path) -> WarmUp | None:
-    """What an earlier call has left, if all of its files are there still."""
+    """Result of an earlier call, if all of its files still exist."""
     try:
         needed = json_format.loads(stamp.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -175,7 +175,7 @@ def _read(stamp: Path) -> WarmUp | None:
 
 
 def _write(stamp: Path, done: WarmUp) -> None:
-    """Note what was done; where nothing can be written, it is found out anew."""
+    """Record what was done; if nothing can be written, it is determined again next time."""
     try:
         for old in stamp.parent.glob("warm-up-*.json"):
             old.unlink()

@@ -1,4 +1,4 @@
-"""The commands that ask for the kernels of usual work, in chains that run beside each other, see `warm_up`."""
+"""The commands of usual work, in chains that run in parallel, see `warm_up`."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import importlib.util
 __all__ = ["CHAINS", "EULER", "MESH", "STUDY", "SURFACE", "chains"]
 
 TINY = "@onera_m6:9x9x7"
-"""Grid of chains that solve a flow. Where it is larger, the move factorizes by other kernels: the chain of these has
-the default size."""
+"""Grid of chains that solve a flow. On larger grids the move factorises by other kernels: the chain of these has the
+default size."""
 
 STUDY, SURFACE, MESH = "euler.toml", "ball.xyz", "wing.su2"
-"""Files that commands begin with; `warm_up_inputs` writes them."""
+"""Initial files of commands; `warm_up_inputs` writes them."""
 
 EULER = """
 [grid]
@@ -41,7 +41,7 @@ lower = 0.05
 optimizer = "LD_SLSQP"
 max_iterations = 2
 """
-"""Study of the Euler equations, which is README's example: `init` drafts it where no vortex lattice is there."""
+"""Study of the Euler equations, the README's example: `init` drafts it if there is no vortex lattice."""
 
 FIT = ("fit", TINY, "-o", "m6.h5")
 
@@ -80,10 +80,10 @@ CHAINS: dict[str, tuple[tuple[str, ...], ...]] = {
         ("optimize", "wing.toml", "-o", "wing", "--max-iterations", "1"),
     ),
 }
-"""Commands that are run one after the other, in processes of their own. Long chains come first."""
+"""Commands that run one after another, in processes of their own. Long chains come first."""
 
 EXTRAS = {"lattice": "openaerostruct"}
-"""Modules that chains need, which not everybody has."""
+"""Optional modules that chains need."""
 
 
 def chains() -> list[str]:

@@ -1,4 +1,4 @@
-"""The files that chains of ``warm-up`` begin with: a study, a surface grid and a mesh without structure."""
+"""The initial files of the chains of ``warm-up``: a study, a surface grid and an unstructured mesh."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .warm_up_chains import EULER, MESH, STUDY, SURFACE
 __all__ = ["INPUTS", "m6_mesh"]
 
 SU2 = {"hexahedron": 12, "pyramid": 14}
-"""Numbers of kinds of cells in the format of SU2, which are those of VTK."""
+"""Numbers of cell types in the SU2 format, the same as in VTK."""
 
 
 def write_study(path: str) -> None:
@@ -48,7 +48,7 @@ def write_mesh(path: str) -> None:
 
 
 def m6_mesh() -> MixedMesh:
-    """Cells of a grid about the M6 as a mesh: hexahedra, and every other one cut into pyramids; with markers."""
+    """Cells of a grid about the M6 as a mesh: hexahedra, every other one cut into pyramids, with markers."""
     grid = onera_m6_grid((9, 9, 7))
     points, numbers = np.unique(grid.to_vector().reshape(-1, 3), axis=0, return_inverse=True)
     cells, first = [], 0
@@ -72,4 +72,4 @@ def m6_mesh() -> MixedMesh:
 
 
 INPUTS: dict[str, Callable[[str], None]] = {STUDY: write_study, SURFACE: write_surface, MESH: write_mesh}
-"""What writes each file."""
+"""Writers of the files."""

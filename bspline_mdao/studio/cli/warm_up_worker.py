@@ -1,4 +1,4 @@
-"""A process of ``warm-up``: runs usual commands on tiny grids, and tells what kernels they need.
+"""A process of ``warm-up``: it runs usual commands on tiny grids, and reports the kernels that they need.
 
 ``python -m bspline_mdao.studio.cli.warm_up_worker CHAIN LOCKS`` runs in a folder of its own. Each line that it prints
 begins with a word: ``ran`` and a command, ``compiles`` and a kernel, ``needs`` and all kernels at the end.
@@ -24,8 +24,8 @@ def run_chain(
     commands: Sequence[Sequence[str]],  # commands, to run in the current folder
     locks: Path,  # folder of the locks, the same for all processes
     lines: TextIO,  # where lines are written
-) -> int:  # exit status: that of the first command that failed
-    """Run commands one after the other, and tell what kernels they need."""
+) -> int:  # exit status of the first command that failed
+    """Run commands one after another, and report the kernels that they need."""
     needed: set[tuple[str, str]] = set()
 
     def noted(index: str, signature: str, is_compiled: bool) -> None:

@@ -1,4 +1,4 @@
-"""The command ``wing``: an H-H grid about a wing of a planform and sections, fitted or alone."""
+"""The command ``wing``: an H-H grid about a wing of a planform and sections, fitted or not."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ def make_wing(
     output: Path,  # output, json: model or grid, and numbers to write
     json: Path | None,
 ) -> None:
-    """Make the grid, fit it if asked, write it and say what it is like."""
+    """Make the grid, fit it if asked, write it and describe it."""
     check_outputs([output, json], [planform])
     write_made_grid(lambda: _made(planform), output, json)
 
 
 def _made(file: Path) -> MadeGrid:
-    """The grid, and what its wing is like."""
+    """The grid, and a description of its wing."""
     wing, grid, reynolds = read_wing(file)
     planform, between = wing.planform, wing.sections_between
     thickness = wing.section.thickness, wing.outer_section.thickness

@@ -18,6 +18,6 @@ def studied_model(file: Path) -> LiveModel:
     """Read a study, and make its grid and its variables."""
     shape = StudiedShape.of(read_study(file))
     if not isinstance(shape.model, FittedModel):
-        raise InputError(f"{file}: is of an unstructured mesh, which live does not show; see optimize")
+        raise InputError(f"{file}: is a study of an unstructured mesh, which live does not show; see optimize")
     design = shape.study.grid["design"]
     return LiveModel(shape.model, shape.wing.mesh, shape.mover, design or None, study=StudyVariables.of(shape))

@@ -76,7 +76,7 @@ def _write_points(path: Path, live: LiveModel, shape: Shape) -> tuple[Path, ...]
 def _write_study(path: Path, live: LiveModel, shape: Shape) -> tuple[Path, ...]:
     if live.study is not None:
         if shape.design.pulls:
-            raise InputError("control points that were pulled are no variables of the study; take them back")
+            raise InputError("pulled control points are not variables of the study; undo the pulls")
         text = live.study.text(shape.design.values, path.parent)
         with replaced_file(path) as part:
             part.write_text(text, encoding="utf-8")

@@ -365,7 +365,7 @@ class Page:
                     html.Td("{{ row.name }}", classes="px-1")
                     html.Td("{{ row.value }}", classes=("row.is_bad ? 'px-1 text-red font-weight-bold' : 'px-1'",))
                     html.Td("{{ row.was }}", classes="px-1 text-medium-emphasis")
-            html.Div("of what is seen; of all cells in a moment", v_if=("is_part",), classes="text-caption")
+            html.Div("visible cells only; all cells in a moment", v_if=("is_part",), classes="text-caption")
             html.Div("Worst cells, by their smallest corner", classes="text-subtitle-2 mt-3")
             html.Div("{{ cell }}", v_for="cell in worst", key="cell", classes="text-caption")
             html.Div("{{ command }}", id="command", classes="text-caption mt-3", style="font-family: monospace")

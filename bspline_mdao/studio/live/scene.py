@@ -20,7 +20,7 @@ __all__ = ["COLOURS", "Camera", "Scene", "View", "vtk_library"]
 COLOURS = {
     "quality": ("orthogonality Q", (0.0, 1.0)),
     "corner": ("smallest corner", (0.0, 1.0)),
-    "heights": ("height of first cells, by that before", (0.8, 1.2)),
+    "heights": ("height of first cells, relative to before", (0.8, 1.2)),
     "displacement": ("displacement", None),
 }
 """Fields that may colour the drawing: a label, and the range of the colours if it is fixed."""

@@ -88,7 +88,7 @@ def asked_slider(text: str) -> Slider:
     requests = parse_requests(text)
     if len(requests) != 1 or requests[0].name not in ANGLES | FACTORS:
         names = ", ".join(sorted(ANGLES | FACTORS))
-        raise InputError(f"deformation '{text}': a slider is of one deformation by an angle or a factor: {names}")
+        raise InputError(f"deformation '{text}': a slider takes one deformation by an angle or a factor: {names}")
     name, place = requests[0].name, text[text.index(requests[0].value) + len(requests[0].value) :].strip()
     label = f"{name} {place.lstrip('@')}".strip()
     if name in ANGLES:

@@ -94,7 +94,7 @@ def draw_first_heights(folder: str | os.PathLike, name: str, ratios: Mapping[str
             axes.set(title=asked, xlabel="wall nodes (%)", yscale="log", ylim=HEIGHT_RANGE)
             axes.set_yticks([0.5, 0.7, 1.0, 1.4, 2.0], ["0.5", "0.7", "1", "1.4", "2"])
             axes.minorticks_off()
-        panels[0].set_ylabel("height relative to that before")
+        panels[0].set_ylabel("height relative to before")
         panels[0].legend()
 
 

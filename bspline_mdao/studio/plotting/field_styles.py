@@ -52,7 +52,7 @@ FIELD_STYLES = {
 
 MESH_STYLES = {
     "quality": FieldStyle("angle", "non-orthogonality (deg)", "viridis_r"),
-    "pyramid": FieldStyle("pyramid", "smallest pyramid by that before", "viridis"),
+    "pyramid": FieldStyle("pyramid", "smallest pyramid relative to before", "viridis"),
     "wall height": FIELD_STYLES["wall height"],
     "displacement": FieldStyle("displacement", "displacement (m)", "magma_r"),
     "patch": FIELD_STYLES["patch"],

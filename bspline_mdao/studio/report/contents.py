@@ -58,7 +58,7 @@ def shapes_of(
     moved = [(name, of) for found, of in ((points, _from_points), (grids, _from_grid)) for name in found[:1]]
     if not moved:
         text = (
-            f"The case file has no control points, so that the grid of the model is shown and not that of the optimum. "
+            f"The case file has no control points, so the grid of the model is shown instead of the optimum. "
             f"Record them: {RECORD}"
         )
         return (_shape(subject, subject.label, subject.baseline_points),), [text]
@@ -78,10 +78,10 @@ def shapes_of(
         fitting = {key: value for key, value in values.items() if value.size == n_wall_faces}
         shapes.append(make(subject, label, history.outputs[name][number], fitting))
         missing += [
-            f"{key} is not shown: it is not of the {n_wall_faces:,} wall faces." for key in {*values} - {*fitting}
+            f"{key} is not shown: it does not match the {n_wall_faces:,} wall faces." for key in {*values} - {*fitting}
         ]
     if n_wall_faces and not pressures and not _ending(history.outputs, PANEL_PRESSURES):
-        missing.append(f"The case file has no pressures Cp. Where the flow has them, record them: {RECORD}")
+        missing.append(f"The case file has no pressures Cp. If the flow has them, record them: {RECORD}")
     if len(shapes) == 1:
         missing.append("The first evaluation is the best one: there is no shape after.")
     return tuple(shapes), sorted(set(missing), key=missing.index)

@@ -38,10 +38,10 @@ def judge(model: MeshModel, quality: MixedQuality, shapes: Sequence[Shape]) -> J
         tables.append(_worst_table(model, quality, shapes[0], last, most_skewed, None))
     else:
         order = np.argsort(ratios, kind="stable")[:MOST_WORST]
-        card = "smallest pyramid, by that before", number(ratios.min(initial=np.inf), 3), inverted
+        card = "smallest pyramid, relative to before", number(ratios.min(initial=np.inf), 3), inverted
         charts.append(_ratio_chart(shapes[-1], ratios))
         tables.append(_worst_table(model, quality, shapes[-1], last, order, ratios))
-        marks.append(_marks(model, last, order, "smallest pyramid by that before", ratios, ""))
+        marks.append(_marks(model, last, order, "smallest pyramid relative to before", ratios, ""))
     return Judgement(card, marks, charts, tables)
 
 
@@ -65,9 +65,9 @@ def _ratio_chart(shape: Shape, ratios: np.ndarray) -> Chart:
     low, high = (float(counted.min()), float(counted.max())) if len(counted) else (0.0, 1.0)
     edges = np.linspace(min(low, 0.99), max(high, 1.0), N_BINS + 1)
     percents = [100.0 * np.histogram(counted, edges)[0] / max(1, len(counted))]
-    title = "Smallest pyramid of each cell, by that before"
+    title = "Smallest pyramid of each cell, relative to before"
     text = f"{title}: from {low:.3g} to {high:.3g}; a cell is inverted where it is not positive."
-    axis = {"title": {"text": "volume of the smallest pyramid, by that before"}}
+    axis = {"title": {"text": "volume of the smallest pyramid, relative to before"}}
     layout = {"yaxis": {"type": "log", "title": {"text": "% of the cells"}}}
     chart = distribution_chart("ratios", title, text, [shape], edges, percents, axis, "% of the cells")
     chart.layout["yaxis"] = layout["yaxis"]
@@ -93,10 +93,10 @@ def _quality_table(
         ("elements of the lattice", [_certificate(model, shape) for shape in shapes]),
     ]
     if ratios is not None:
-        rows.insert(2, ("smallest pyramid, by that before", ["1", number(ratios.min(initial=np.inf))]))
+        rows.insert(2, ("smallest pyramid, relative to before", ["1", number(ratios.min(initial=np.inf))]))
     note = (
-        "Non-orthogonality and skewness of faces as OpenFOAM's checkMesh defines them; pyramids are those between the "
-        "middle of a cell and its faces: a cell is inverted where one of them is not positive. Elements of the lattice "
+        "Non-orthogonality and skewness of faces as OpenFOAM's checkMesh defines them; pyramids are between the "
+        "centre of a cell and its faces: a cell is inverted where one of them is not positive. Elements of the lattice "
         "are valid where its map is proved to have a positive Jacobian everywhere; around an axis it is no such map."
     )
     return Table("Quality of the cells", ("measure", *(s.label for s in shapes)), [(n, *v) for n, v in rows], note)
@@ -136,13 +136,13 @@ def _worst_table(
         rows.append((model.mesh.cell_name(cell), *ratio, *measures, at, quality.marker_at(place) or "–"))
     unit = model.mesh.length_unit
     size = f"volume ({unit}³)" if model.mesh.n_copies == 1 else f"area ({unit}²)"
-    columns = ("cell", *([] if ratios is None else ["smallest pyramid by that before"]))
-    by = "the largest non-orthogonality" if ratios is None else "the smallest pyramids by those before"
+    columns = ("cell", *([] if ratios is None else ["smallest pyramid relative to before"]))
+    by = "the largest non-orthogonality" if ratios is None else "the smallest pyramids relative to before"
     return Table(
         f"Worst cells: {shape.label.lower()}",
         (*columns, "non-orthogonality (°)", size, f"place x, y, z ({unit})", "nearest marker"),
         rows,
-        f"Those with {by}; numbers are from 1, those of a kind by themselves.",
+        f"The cells with {by}; numbers are from 1, separately for each kind.",
     )
 
 

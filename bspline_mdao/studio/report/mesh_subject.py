@@ -242,5 +242,5 @@ def _spans_text(widths: np.ndarray, unit: str) -> str:
 def _what_nodes_do(kind: str | None, is_plane: bool) -> str:
     """Motion of the nodes of a marker, by its kind, when walls move."""
     if kind == "wall":
-        return "go where they are asked to"
+        return "move as prescribed"
     return "stay in their plane" if is_plane else "move along" if kind == "inner" else "stay"

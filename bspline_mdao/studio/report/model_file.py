@@ -32,14 +32,14 @@ def find_model(
         if checksum is not None:
             others.append(file)
     if not named.file:
-        text = "The grid is not shown: no file of the model was saved before the run, and none beside the case file is"
+        text = "The grid is not shown: the model was not saved before the run, and none next to the case file matches"
         return None, f"{text} it. Save it by model.save(...); {ADVICE}."
     if others:
-        text = f"The grid is not shown: {others[0]} is another model than the one that was optimised"
+        text = f"The grid is not shown: {others[0]} is not the model that was optimised"
         return None, f"{text}; it was written since. Put that one back, or {ADVICE}."
     return (
         None,
-        f"The grid is not shown: its model {named.file} is no longer there, nor beside the case file; {ADVICE}.",
+        f"The grid is not shown: its model {named.file} is no longer there, nor next to the case file; {ADVICE}.",
     )
 
 

@@ -55,7 +55,7 @@ EXTRA = "report"
 CASES = "cases.sql"
 """Case file in the folder that the command ``optimize`` writes."""
 
-NO_MODEL = "The grid is not shown: each process has a part of it alone."
+NO_MODEL = "The grid is not shown: each process has only a part of it."
 """What is missing if a problem has only local models."""
 
 MOST_TRIANGLES = 40_000
@@ -292,7 +292,7 @@ def _of_history(history: CaseHistory, contents: Contents) -> list[Section]:
     lines = [f"{history.n_evaluations} evaluations by {history.driver} in {_time_text(history.seconds[-1])}."]
     lines += [*contents.gains, *notes_on(history)]
     if history.n_others:
-        lines.append(f"{history.n_others} evaluations before are not shown: they are of other variables or responses.")
+        lines.append(f"{history.n_others} evaluations before are not shown: they have other variables or responses.")
     if history.convergence is not None and not history.convergence.residuals.size:
         lines.append(
             "First-order optimality is not shown: derivatives are not recorded. "

@@ -101,7 +101,7 @@ def height_table(shapes: Sequence[Shape], cells: WallHeights, unit: str) -> Tabl
             rows.append((*label, f"{ids.size:,}", *values, f"{ratios.min():.3f} to {ratios.max():.3f}"))
     shape_column = ["grid"] if len(shapes) > 1 else []
     sizes = (f"{what} ({unit})" for what in ("lowest", "median", "highest"))
-    columns = ("wall", *shape_column, "nodes", *sizes, "by the model's grid")
+    columns = ("wall", *shape_column, "nodes", *sizes, "relative to the model's grid")
     return Table("Heights of the first cells at walls", columns, rows)
 
 
@@ -217,9 +217,9 @@ def fit_table(model: FittedModel) -> Table:
         ("nodes", f"{model.n_nodes:,}"),
         ("control points", f"{model.mesh.n_control_points:,}"),
         (f"RMS distance of nodes from the splines ({unit})", number(report.rms)),
-        ("the same by the mean cell edge", number(report.relative_rms)),
+        ("the same relative to the mean cell edge", number(report.relative_rms)),
         (f"largest distance ({unit})", f"{number(worst.error)}, at {place}"),
-        ("the same by the width of the cells", _in_widths(report)),
+        ("the same relative to the width of the cells", _in_widths(report)),
         ("invalid control elements", f"{report.n_invalid:,}"),
         ("residual carried", "yes: the grid that was read comes back" if model.residual is not None else "no"),
         ("patches", ", ".join(f"{p.name} ({p.kind})" for p in model.header.patches) or "none declared"),

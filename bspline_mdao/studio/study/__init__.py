@@ -1,1 +1,1 @@
-"""Studies in TOML: what their keys are, how they are read, and the Python scripts that they stand for."""
+"""Studies in TOML: their keys, their reader, and the Python scripts that they stand for."""

@@ -1,6 +1,6 @@
-"""The flight conditions of a study: each has a flow of its own on the one grid.
+"""The flight conditions of a study: each has its own flow on the one grid.
 
-What a condition leaves out is as ``[flow]`` says. Those that are given a lift are trimmed.
+Keys that a condition leaves out are taken from ``[flow]``. Conditions with a given lift are trimmed.
 """
 
 from __future__ import annotations
@@ -17,24 +17,22 @@ Refuse = Callable[[Sequence[str], str], Exception]
 
 
 def resolved_conditions(
-    given: Mapping[str, dict[str, Any]],  # tables of the conditions by name, None where a key is left out
+    given: Mapping[str, dict[str, Any]],  # tables of the conditions by name, None for keys that are left out
     flow: Mapping[str, Any],  # table of the flow
     refuse: Refuse,  # makes the error about a key
 ) -> dict[str, dict[str, Any]]:
-    """Fill in what conditions leave out."""
+    """Fill in the keys that conditions leave out."""
     # Returns ``Mach_number``, ``weight``, and ``trim`` with either ``CL_target`` or ``alpha``, by name.
     found = {}
     for name, table in given.items():
         target = table.get("CL_target")
         if target is not None and table["alpha"] is not None:
-            raise refuse(
-                ("conditions", name, "alpha"), "is solved for where CL_target is given; leave one of the two out"
-            )
+            raise refuse(("conditions", name, "alpha"), "is solved for if CL_target is given; leave one of them out")
         is_trimmed = target is not None or (bool(flow.get("trim")) and table["alpha"] is None)
         if is_trimmed and target is None:
             target = flow["CL_target"]
         if is_trimmed and target is None:
-            raise refuse(("conditions", name), "needs the lift that is wanted; give CL_target here or in [flow]")
+            raise refuse(("conditions", name), "needs a target lift; give CL_target here or in [flow]")
         found[name] = {
             "Mach_number": flow["Mach_number"] if table["Mach_number"] is None else table["Mach_number"],
             "alpha": flow["alpha"] if table["alpha"] is None else table["alpha"],
@@ -51,10 +49,10 @@ def of_conditions(conditions: Iterable[str], outputs: Iterable[str]) -> tuple[st
 
 
 def bare_outputs(names: Iterable[str]) -> list[str]:
-    """Outputs of a flow among names, which there are once for each condition."""
+    """Outputs of a flow among names, which exist once per condition."""
     return [name for name in names if name in FLOWS["euler"].outputs]
 
 
 def weights_of(conditions: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """Weights of the conditions that have one above zero."""
+    """Weights of the conditions that have a positive weight."""
     return {name: table["weight"] for name, table in conditions.items() if table["weight"] > 0.0}

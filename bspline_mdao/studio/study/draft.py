@@ -1,4 +1,4 @@
-"""The draft of a study of a grid: what can be guessed of it, with the reasons in comments."""
+"""The draft of a study of a grid: guesses from the grid, with the reasons in comments."""
 
 from __future__ import annotations
 
@@ -15,40 +15,38 @@ from .draft_body import ALPHA, MACH, SECTION_LIFT, Body
 __all__ = ["Aim", "study_draft"]
 
 CORNER = 0.05
-"""What the worst cell keeps where the grid has as much."""
+"""Bound on the worst cell if the grid has as much."""
 
 CONFIRMED = 2
 """Cells per direction of the finer grid on which a section is solved: two flows there are a third of the time."""
 
 SHAPE = 0.1
-"""Bound of the weights of a section's shape (chords): half of what the sides of the NACA 0012 have."""
+"""Bound of the weights of a section's shape (chords): half the values of the sides of the NACA 0012."""
 
 LITTLE = 2e-4
 """Change of the drag of a section, in units of the driver (hundredths), at which the search ends: 0.02 counts. Without
-a shock the drag is nearly none, and no part of it is small; at 0.1 counts the search ends in the middle of its way."""
+a shock the drag is nearly zero, and no part of it is small; at 0.1 counts the search ends halfway."""
 
 
 FRICTION = 0.006
-"""Drag of friction in a ratio of lift and drag, which in Euler flow has no bound without a shock: of both sides of a
-plate with a turbulent layer at a Reynolds number of 1e7, each 0.455 / log10(Re)^2.58 (Schlichting)."""
+"""Friction drag in a lift-to-drag ratio, which in Euler flow has no bound without a shock: of both sides of a plate
+with a turbulent layer at a Reynolds number of 1e7, each 0.455 / log10(Re)^2.58 (Schlichting)."""
 
 
 @dataclass(frozen=True)
 class Aim:
-    """What the draft of a section aims at."""
+    """Aim of the draft of a section."""
 
-    machs: tuple[float, ...] = ()  # Mach numbers; one that is guessed where there is none
+    machs: tuple[float, ...] = ()  # Mach numbers; a guessed one if empty
     lifts: tuple[float, ...] = ()  # lift coefficients: one, or one for each Mach number, or several at one
-    is_ratio: bool = False  # whether lift by drag is the objective, at any lift
+    is_ratio: bool = False  # whether lift over drag is the objective, at any lift
 
     def __post_init__(self) -> None:
         numbers = len(self.machs), len(self.lifts)
         if min(numbers) > 1 and numbers[0] != numbers[1]:
             raise InputError(f"--mach is given {numbers[0]} times and --lift {numbers[1]} times; give one for each")
         if self.is_ratio and self.lifts:
-            raise InputError(
-                "--lift does not go with --lift-to-drag, at which the lift is what comes out; leave it out"
-            )
+            raise InputError("--lift does not go with --lift-to-drag, which leaves the lift free; leave it out")
         if len(set(zip(*self._both(0.0)))) < max(numbers):
             raise InputError("--mach and --lift: a flight condition is given twice; give each once")
 
@@ -58,7 +56,7 @@ class Aim:
         return (machs if len(machs) == n else machs * n), (lifts if len(lifts) == n else lifts * n)
 
     def points(self, guess: float) -> dict[str, tuple[float, float]]:
-        """Mach numbers and lifts by names of conditions, such as ``mach_073``; with their lifts where these tell."""
+        """Mach numbers and lifts by names of conditions, such as ``mach_073``, with lifts in the names if needed."""
         found = list(zip(*self._both(guess)))
         has_lifts = len({mach for mach, _ in found}) < len(found)
         return {
@@ -67,19 +65,19 @@ class Aim:
 
 
 def _digits(number: float) -> str:
-    """A number as a part of a name: with two digits behind the point, or those that it has."""
+    """A number as a part of a name: with two decimals, or with those that it has."""
     text = f"{number:.2f}" if round(number, 2) == number else f"{number:g}"
     return text.replace(".", "").replace("-", "minus_")
 
 
 def study_draft(
-    name: str,  # name of the grid, or of the model, as the study is to have it
-    patches: str | None,  # patches file as the study is to have it
+    name: str,  # name of the grid, or of the model, as written in the study
+    patches: str | None,  # patches file as written in the study
     body: Body,  # its walls
-    box_file: str = "",  # file with free-form boxes as the study is to have it; empty where there is none
+    box_file: str = "",  # file with free-form boxes as written in the study; empty if there is none
     boxes: Sequence[str] = (),  # names of the boxes in it
     aim: Aim | None = None,  # flight conditions and objective of a section; guessed by default
-    cad_file: str = "",  # CAD file of the walls as the study is to have it; empty where there is none
+    cad_file: str = "",  # CAD file of the walls as written in the study; empty if there is none
     cad_faces: Sequence[str] = (),  # names of the faces in it
 ) -> str:  # TOML
     """Write the draft of a study."""
@@ -105,7 +103,7 @@ def study_draft(
         *_cells(body),
         "[driver]",
         'optimizer = "LD_SLSQP"  # of NLopt; SciPy has SLSQP',
-        # a skin changes by thousandths, drag by percents, and of lift by drag hundredths of 1 are enough
+        # shapes change by thousandths, drag by percents; for lift over drag hundredths of 1 are enough
         f"tolerance = {1e-4 if aim.is_ratio else 1e-6 if has_flow else 1e-8:g}",
         "max_iterations = 50",
         *(_end(aim) if body.is_section and has_flow else ()),
@@ -114,7 +112,7 @@ def study_draft(
 
 
 def _walls(body: Body) -> Iterator[str]:
-    """Which walls are designed, and which are measured."""
+    """The walls to design, and the walls to measure."""
     if body.design == body.walls:
         yield f"# design = {json.dumps(list(body.walls))}  # the walls; name only those that are to be designed"
         return
@@ -123,12 +121,12 @@ def _walls(body: Body) -> Iterator[str]:
 
 
 def _is_flown(body: Body) -> bool:
-    """Whether it is a section in a flow that can be had."""
+    """Whether it is a section with an available flow."""
     return body.is_section and not body.why_no_euler
 
 
 def _design(body: Body, free_form: list[str], aim: Aim, cad: list[str]) -> Iterator[str]:
-    """Variables, flow, objective and constraints; with control points of a CAD file in the place of other variables."""
+    """Variables, flow, objective and constraints; with a CAD file its control points replace other variables."""
     if body.is_wing:
         return _wing(body, cad or list(_twist()), [] if cad else [*_planform(body), *free_form])
     if _is_flown(body):
@@ -201,7 +199,7 @@ def _least_drag(body: Body, aim: Aim) -> Iterator[str]:
 
 
 def _ratio(body: Body, aim: Aim) -> Iterator[str]:
-    """Flow and objective: lift by drag at any angle, or the mean of several."""
+    """Flow and objective: lift over drag at any angle, or the mean of several."""
     points = aim.points(body.drag_rise)
     yield "[variables.alpha]  # angle of attack, degrees; the lift follows"
     yield f"lower = {ALPHA - 5.0}"
@@ -231,7 +229,7 @@ def _mach_number(mach: float, aim: Aim) -> Iterator[str]:
 
 
 def _condition(name: str, mach: float, more: list[str], summed: str) -> Iterator[str]:
-    """One of several flight conditions, of whose numbers the objective is a mean."""
+    """One of several flight conditions whose numbers the objective averages."""
     yield f"[conditions.{name}]"
     yield f"Mach_number = {mach:g}"
     yield from more
@@ -247,7 +245,7 @@ def _frame(body: Body) -> Iterator[str]:
 
 
 def _end(aim: Aim) -> Iterator[str]:
-    """When the search for a section ends, and how it is confirmed."""
+    """The stopping criteria for a section, and the confirmation of the result."""
     if not aim.is_ratio:
         yield ""
         yield "[driver.options]"
@@ -269,7 +267,7 @@ def _twist() -> Iterator[str]:
 
 
 def _planform(body: Body) -> Iterator[str]:
-    """What else a wing has, as comments."""
+    """Further variables of a wing, as comments."""
     yield "# [variables.chord]  # factors; or sweep, dihedral, span, taper, camber, thickness"
     yield "# stations = 3"
     yield "# lower = 0.7"
@@ -328,7 +326,7 @@ def _wing(body: Body, variables: list[str], others: list[str]) -> Iterator[str]:
 
 
 def _lattice(body: Body) -> Iterator[str]:
-    """Kind of the flow, and what else there is."""
+    """Kind of the flow, and the alternatives."""
     if body.moves_points:
         yield 'kind = "lattice"  # guessed: half a wing; "euler" for the Euler equations on the grid, with'
         yield "# trim = true and CL_target instead of alpha, [variables.alpha] and [constraints.CL]"
@@ -337,7 +335,7 @@ def _lattice(body: Body) -> Iterator[str]:
 
 
 def _shape(body: Body, variables: list[str]) -> Iterator[str]:
-    """Variables, objective and volume of a body about which there is no flow."""
+    """Variables, objective and volume of a body without an available flow."""
     lack = body.why_no_lattice if body.is_thin or body.is_section else "the walls are no wing"
     yield f"# No [flow] was drafted: {_line(lack)};"
     yield f"# {_line(body.why_no_euler) or 'lift and drag of wings and sections alone are drafted'}."
@@ -356,7 +354,7 @@ def _shape(body: Body, variables: list[str]) -> Iterator[str]:
     yield ""
     if body.design != body.walls and not body.why_no_volume:
         yield "[measures.volume]"
-        yield f"patches = {json.dumps(list(body.walls))}  # all walls: the designed ones alone are not closed"
+        yield f"patches = {json.dumps(list(body.walls))}  # all walls: the designed ones are not closed"
         yield ""
     if body.is_thin and not (body.is_section or body.moves_points or body.why_no_volume):
         yield "[constraints.planform_area]  # divided by the baseline's"
@@ -373,13 +371,13 @@ def _points(body: Body) -> Iterator[str]:
 
 
 def _box(body: Body) -> Iterator[str]:
-    """Points of a box around the walls, none that moves its ends along the stream: turns and shifts change nothing."""
+    """Points of a box around the walls, without those that move its ends along the stream: no rotations and shifts."""
     stream, up, span = np.abs(body.frame.axes).argmax(axis=1).tolist()
     n, slices, ends = [0, 0, 0], [":", ":", ":"], "nose and tail"
     n[stream], n[up], n[span] = (6, 2, 2) if body.is_section else (5, 2, 5) if body.is_thin else (4, 3, 3)
     slices[stream] = "1:-1"
     if body.is_section:
-        slices[span], ends = "0", "nose and tail; those of one plane, nodes of the other move alike"
+        slices[span], ends = "0", "nose and tail; points of one plane only, as the other moves alike"
     elif body.design != body.walls:
         slices[span] = "2:" if body.frame.axes[2, span] > 0.0 else ":-2"
         ends = "leading and trailing edge, or the root"
@@ -402,7 +400,7 @@ def _box(body: Body) -> Iterator[str]:
 
 
 def _free_form(body: Body, box_file: str, boxes: Sequence[str]) -> Iterator[str]:
-    """Variables of free form instead of the above, or in addition, as comments."""
+    """Free-form variables instead of the above, or in addition, as comments."""
     yield "# [variables.free_form]  # instead of the above, or in addition"
     if boxes:
         yield '# kind = "ffd"  # a box in the mesh file'
@@ -419,7 +417,7 @@ def _free_form(body: Body, box_file: str, boxes: Sequence[str]) -> Iterator[str]
 
 
 def _bounds(length: float, of: str) -> Iterator[str]:
-    """Bounds of displacements, by the length of something."""
+    """Bounds of displacements, relative to a length."""
     size = float(f"{0.01 * length:.1g}")
     yield f"lower = {-size}  # a hundredth of {of}"
     yield f"upper = {size}"

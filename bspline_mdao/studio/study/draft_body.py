@@ -1,4 +1,4 @@
-"""What a draft of a study has to know of walls: by the kind of their grid, and what follows from their shape."""
+"""Properties of walls for the draft of a study: by the kind of their grid, and from their shape."""
 
 from __future__ import annotations
 
@@ -30,32 +30,32 @@ ALPHA, MACH = 3.0, 0.3
 """Angle of attack (deg) and Mach number of a draft."""
 
 SECTION_LIFT, KORN, BEYOND = 0.5, 0.87, 0.05
-"""Lift coefficient of the draft of a section, and its Mach number: so far beyond that at which drag rises by Korn's
-relation for NACA sections, 0.87 less thickness over chord and a tenth of the lift, that there is a shock to lose
+"""Lift coefficient of the draft of a section, and distance of its Mach number beyond the drag rise by Korn's relation
+for NACA sections, 0.87 less thickness over chord and a tenth of the lift, so there is a shock to reduce
 (W. H. Mason, AIAA Paper 90-3262, 1990)."""
 
 THIN = 0.5
-"""Height of a wing by its chord and span at most; what is higher is another body."""
+"""Largest height of a wing relative to its chord and span; higher bodies are no wings."""
 
 _ALIGNED = 0.99
-"""Cosine of the angle to a coordinate axis up to which a direction counts as that axis."""
+"""Cosine of the angle to a coordinate axis within which a direction counts as that axis."""
 
 _IN_PLANE = 1e-6
-"""Distance from the plane of symmetry, in sizes of the walls, up to which a wing begins there."""
+"""Distance from the plane of symmetry, in sizes of the walls, within which a wing starts there."""
 
 
 class Body(ABC):
     """Walls of a grid, of any kind."""
 
     walls: tuple[str, ...]  # names of all walls
-    design: tuple[str, ...]  # names of those that are designed
+    design: tuple[str, ...]  # names of the walls to design
     moves_points: bool  # whether control points of the surface are few, and good variables as they are
     aggregate: str  # bound of the cells
 
     @property
     @abstractmethod
     def surface(self) -> SurfaceGrid:
-        """The walls that are designed."""
+        """The walls to design."""
 
     @property
     @abstractmethod
@@ -75,7 +75,7 @@ class Body(ABC):
     @property
     @abstractmethod
     def why_no_euler(self) -> str:
-        """Why the Euler equations do not suit; empty where they do."""
+        """Why the Euler equations are not suitable; empty if they are."""
 
     @cached_property
     def frame(self) -> Frame:
@@ -84,7 +84,7 @@ class Body(ABC):
 
     @cached_property
     def axes(self) -> str | None:
-        """Axes downstream, along the span, up; None where these are no coordinate axes."""
+        """Axes downstream, along the span, up; None if these are no coordinate axes."""
         stream, normal, span = self.frame.axes
         directions = np.array([stream, span, normal])
         if np.abs(directions).max(axis=1).min() < _ALIGNED:
@@ -93,7 +93,7 @@ class Body(ABC):
 
     @cached_property
     def why_no_lattice(self) -> str:
-        """Why a vortex lattice does not suit; empty where it does."""
+        """Why a vortex lattice is not suitable; empty if it is."""
         if self.is_section:
             return "a section has no span"
         if self.axes is None:
@@ -117,12 +117,12 @@ class Body(ABC):
 
     @property
     def is_wing(self) -> bool:
-        """Whether the walls are thin like a wing, and some flow can be had about them."""
+        """Whether the walls are thin like a wing, and some flow is available about them."""
         return self.is_thin and not self.is_section and not (self.why_no_lattice and self.why_no_euler)
 
     @property
     def drag_rise(self) -> float:
-        """Mach number just beyond that at which the drag of a section rises, at `SECTION_LIFT`."""
+        """Mach number just beyond the drag rise of a section, at `SECTION_LIFT`."""
         height = float(np.ptp(self.surface.points @ self.frame.axes[1])) / self.frame.chord
         return float(np.clip(round(KORN - height - 0.1 * SECTION_LIFT + BEYOND, 2), MACH, EULER.highest))
 
@@ -144,14 +144,14 @@ class Body(ABC):
 
     @cached_property
     def lattice_lift(self) -> float | None:
-        """Lift coefficient at `ALPHA` by the vortex lattice; None where OpenAeroStruct is not there."""
+        """Lift coefficient at `ALPHA` by the vortex lattice; None without OpenAeroStruct."""
         if self.axes is None or not find_spec("openaerostruct"):
             return None
         return float(f"{lattice_lift(lattice_camber(self.surface, self.axes), self.area, ALPHA, MACH):.6g}")
 
     @cached_property
     def why_no_volume(self) -> str:
-        """Why the walls enclose no volume; empty where they do."""
+        """Why the walls enclose no volume; empty if they do."""
         try:
             EnclosedVolume.of(self.measured, relative=True)
         except InputError as error:
@@ -185,7 +185,7 @@ class GridBody(Body):
 
     @property
     def is_section(self) -> bool:
-        """Whether the walls are those of an airfoil."""
+        """Whether the walls are an airfoil."""
         return self.surface.is_section
 
     @cached_property
@@ -196,7 +196,7 @@ class GridBody(Body):
 
     @cached_property
     def why_no_euler(self) -> str:
-        """Whether every boundary face is of a kind that the Euler equations know, and a wing's directions are clear."""
+        """Why not, if the Euler equations do not know a kind of boundary face, or a wing's directions are unclear."""
         kinds = {face.kind for face in self.topology.boundary}
         if self.axes is None:
             return "stream and span are not along coordinate axes"
@@ -206,7 +206,7 @@ class GridBody(Body):
 
 
 class MeshBody(Body):
-    """Walls of a mesh without structure: all of them, or those of the wing."""
+    """Walls of an unstructured mesh: all of them, or the walls of the wing."""
 
     moves_points, aggregate = False, "volume_ks"
     why_no_euler = "Euler flow needs a grid of blocks"
@@ -222,8 +222,8 @@ class MeshBody(Body):
         return any(line.is_tied for line in self.model.lattice.lines)
 
     def _wing(self) -> tuple[str, ...]:
-        """The largest thin wall, and what joins it: thin ones, and small ones such as its tip; or else all walls."""
-        # Hubs and casings of sectors, which end on both periodic sides, stay, where there is another wall.
+        """The largest thin wall, and its neighbours: thin ones, and small ones such as its tip; otherwise all walls."""
+        # Hubs and casings of sectors, which end on both periodic sides, stay if there is another wall.
         surfaces = {name: SurfaceGrid.of(self.model, name) for name in self.walls}
         inner = {name: surface for name, surface in surfaces.items() if not self._is_between_sides(surface)}
         surfaces = inner or surfaces
@@ -231,7 +231,7 @@ class MeshBody(Body):
         if not thin:
             return tuple(surfaces)
         wing = [max(thin, key=lambda name: thin[name].size)]
-        for name in wing:  # which grows
+        for name in wing:  # it grows
             wing += [other for other in surfaces if other not in wing and self._is_neighbour(surfaces, name, other)]
         return tuple(name for name in self.walls if name in wing)
 
@@ -241,7 +241,7 @@ class MeshBody(Body):
 
     @staticmethod
     def _is_neighbour(surfaces: Mapping[str, SurfaceGrid], name: str, other: str) -> bool:
-        """Whether another wall joins one of a wing, and is thin too, or no higher than that is."""
+        """Whether another wall adjoins a wall of the wing, and is thin too, or no higher than that."""
         wing, wall = surfaces[name], surfaces[other]
         up = surface_frame(wing.points, wing.planes).axes[1]
         is_low = np.ptp(wall.points @ up) <= np.ptp(wing.points @ up)
@@ -249,12 +249,12 @@ class MeshBody(Body):
 
     @cached_property
     def surface(self) -> SurfaceGrid:
-        """The walls that are designed."""
+        """The walls to design."""
         return SurfaceGrid.of(self.model, self.design)
 
     @cached_property
     def measured(self) -> SurfaceGrid:
-        """All walls: a wing alone is open where it meets others."""
+        """All walls: a wing alone is open at its junctions."""
         return SurfaceGrid.of(self.model)
 
     @cached_property

@@ -1,6 +1,6 @@
-"""Expressions of responses: names, those of conditions with a dot, numbers and arithmetic.
+"""Expressions of responses: names, also with the condition and a dot, numbers and arithmetic.
 
-Nothing else is made a tree, so that what is written into a script and evaluated there calls nothing and ends soon.
+No other syntax is accepted, so an expression evaluated in a script calls nothing and ends soon.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from collections.abc import Callable
 __all__ = ["fault_of", "is_name", "names_in", "renamed"]
 
 MOST_LETTERS, MOST_OPERATIONS = 2000, 100
-"""Letters and operations of an expression at most."""
+"""Largest number of letters and of operations of an expression."""
 
 DEEPEST = 50
-"""Brackets in brackets at most."""
+"""Largest depth of nested brackets."""
 
 LARGEST = 1e15
-"""Size of the numbers in an expression, and of what is made of numbers alone."""
+"""Largest size of the numbers in an expression, and of constant parts."""
 
 _OPERATORS = {
     ast.Add: lambda a, b: a + b,
@@ -41,7 +41,7 @@ def is_name(text: str) -> bool:
 
 
 def fault_of(of: str) -> str:
-    """Say why a text is no expression, or one that cannot be evaluated; empty where it is one.
+    """Say why a text is not an expression, or cannot be evaluated; empty if it is valid.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def fault_of(of: str) -> str:
 
 
 def names_in(of: str) -> list[str]:
-    """Names in an expression, each once; the text itself where it is none.
+    """Names in an expression, each once; the text itself if it is not an expression.
 
     Examples
     --------
@@ -76,12 +76,7 @@ def names_in(of: str) -> list[str]:
 
 
 def renamed(of: str, name_of: Callable[[str], str]) -> str:
-    """Write an expression with other names.
-
-    Raises
-    ------
-    ValueError
-        If it is none.
+    """Write an expression with other names; `ValueError` if it is not an expression.
 
     Examples
     --------
@@ -108,7 +103,7 @@ def _parsed(of: str) -> ast.expr:
         raise ValueError(_ADVICE)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of numbers that touch a word, which is refused below
+            warnings.simplefilter("ignore")  # from numbers that touch a word, refused below
             tree = ast.parse(of, mode="eval").body
     except (SyntaxError, RecursionError, MemoryError):
         raise ValueError(_ADVICE) from None
@@ -117,7 +112,7 @@ def _parsed(of: str) -> ast.expr:
 
 
 def _depth(of: str) -> int:
-    """How many brackets are in one another."""
+    """Depth of nested brackets."""
     depth = deepest = 0
     for letter in of:
         depth += {"(": 1, ")": -1}.get(letter, 0)
@@ -126,7 +121,7 @@ def _depth(of: str) -> int:
 
 
 def _value(node: ast.expr, of: str) -> float | None:
-    """Value of a tree of numbers alone; None where there are names in it."""
+    """Value of a tree of numbers only; None if it contains names."""
     if isinstance(node, ast.Name) or (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)):
         return None
     if isinstance(node, ast.Constant) and _NUMBER.fullmatch(text := of[node.col_offset : node.end_col_offset]):
@@ -145,7 +140,7 @@ def _value(node: ast.expr, of: str) -> float | None:
 
 
 def _checked(node: ast.expr, of: str, made: Callable[[], float]) -> float:
-    """Value that is a number, and no larger than it may be."""
+    """A value, checked to be a number within the largest size."""
     try:
         value = made()
     except (ArithmeticError, ValueError):
@@ -156,7 +151,7 @@ def _checked(node: ast.expr, of: str, made: Callable[[], float]) -> float:
 
 
 def _part(node: ast.expr, of: str) -> str:
-    """What a tree is in its text, with its brackets."""
+    """The text of a tree, with its brackets."""
     start, end = node.col_offset, node.end_col_offset or node.col_offset
     while start > 0 and end < len(of) and of[start - 1] == "(" and of[end] == ")":
         start, end = start - 1, end + 1

@@ -1,6 +1,6 @@
-"""The kinds of grids that studies are of: blocks that are fitted, and meshes without structure.
+"""The kinds of grids of studies: fitted blocks, and unstructured meshes.
 
-All that differs between them is here: keys that one of them does not take, names of the files that are written, and the
+All that differs between them is here: keys that one of them does not accept, names of output files, and the
 statements of a script that make the model, move it and write it.
 """
 
@@ -28,11 +28,11 @@ Fault = tuple[tuple[str, ...], str]
 """Path of a key, and what is wrong with it."""
 
 PathOf = Callable[[str], ast.expr]
-"""Makes the path of a file that a study names, as a tree."""
+"""Makes the path of a file in a study, as a tree."""
 
 
 class GridKind(ABC):
-    """What differs with the kind of grid of a study."""
+    """Properties that differ with the kind of a study's grid."""
 
     @abstractmethod
     def faults(
@@ -40,15 +40,15 @@ class GridKind(ABC):
         document: Mapping[str, Any],  # the study as it is written
         asked: Mapping[tuple[str, ...], str],  # expressions of objective and constraints by their paths
     ) -> Iterator[Fault]:
-        """What a study says that does not go with its grid."""
+        """Settings of a study that its grid does not accept."""
 
     @abstractmethod
     def written(self, when: str, file: Path, output: Table) -> str:
-        """Name of the grid that is written ``"before"`` or ``"after"``, a folder where it ends in ``polyMesh``."""
+        """Name of the grid that is written ``"before"`` or ``"after"``, a folder if it ends in ``polyMesh``."""
 
     @abstractmethod
     def is_plane(self, name: str, folder: Path) -> bool:
-        """Whether a grid by its name in a study, and the folder of that, has to be made one cell deep first."""
+        """Whether a grid, by its name and folder in a study, must first be made one cell deep."""
 
     @abstractmethod
     def model_part(self, grid: Table, path_of: PathOf, is_plane: bool) -> Iterator[ast.stmt | str]:
@@ -56,7 +56,7 @@ class GridKind(ABC):
 
     @abstractmethod
     def mover_part(self, made: Callable[[], Iterator[ast.stmt | str]]) -> Iterator[ast.stmt | str]:
-        """Statements that make ``mover``, where the study says what moves the control mesh."""
+        """Statements that make ``mover``, if the study says what moves the control mesh."""
 
     @property
     @abstractmethod
@@ -74,19 +74,19 @@ class GridKind(ABC):
 
 
 class Blocks(GridKind):
-    """Grids of blocks: files, built-in ones, and what was fitted."""
+    """Grids of blocks: files, built-in ones, and fitted models."""
 
     def faults(self, document: Mapping[str, Any], asked: Mapping[tuple[str, ...], str]) -> Iterator[Fault]:
-        """What a study says that does not go with its grid."""
+        """Settings of a study that its grid does not accept."""
         grid = document["grid"]
         for key in ("patches", "n_control", "order", "corrections") if Path(grid["file"]).suffix == MODEL else ():
             if key in grid:
                 yield ("grid", key), "does not go with a fitted model, which has it; leave it out"
         if "spacing" in grid:
-            yield ("grid", "spacing"), "is of the lattice around an unstructured mesh; leave it out"
+            yield ("grid", "spacing"), "is for the lattice around an unstructured mesh; leave it out"
         for name, table in document["variables"].items():
             if table.get("kind", name) == "free_lattice":
-                complaint = "is of the lattice around an unstructured mesh; take kind = 'lattice' or 'ffd'"
+                complaint = "is for the lattice around an unstructured mesh; take kind = 'lattice' or 'ffd'"
                 yield ("variables", name, *(["kind"] if "kind" in table else [])), complaint
 
     def written(self, when: str, file: Path, output: Table) -> str:
@@ -130,7 +130,7 @@ class Blocks(GridKind):
         return {"mover": expression("mover")}
 
     def write(self, when: str, name: str, slides: bool) -> ast.expr:
-        """Call that writes the grid, in which patches may slide on surfaces."""
+        """Call that writes the grid, whose patches may slide on surfaces."""
         moved = f'problem.get_val("control_points").reshape(-1, 3){", wing.mesh.slides" if slides else ""}'
         points = {"before": "", "after": moved}[when]
         return expression(f"bm.write_grid(HERE / file, model.regenerate({points}))", file=name)
@@ -139,19 +139,19 @@ class Blocks(GridKind):
 
 
 class Meshes(GridKind):
-    """Meshes without structure: files, and models that ``fit`` made of them."""
+    """Unstructured meshes: files, and models that ``fit`` made of them."""
 
     def faults(self, document: Mapping[str, Any], asked: Mapping[tuple[str, ...], str]) -> Iterator[Fault]:
-        """What a study says that does not go with its grid."""
+        """Settings of a study that its grid does not accept."""
         grid = document["grid"]
         for key in ("n_control", "order", "corrections", "fixed", "released", "sliding"):
             if key in grid:
-                yield ("grid", key), "is of grids of blocks that are fitted, and a lattice moves this one; leave it out"
+                yield ("grid", key), "is for fitted grids of blocks, and a lattice moves this one; leave it out"
         for key in ("patches", "spacing") if Path(grid["file"]).suffix == MODEL else ():
             if key in grid:
                 yield ("grid", key), "does not go with the model of a mesh, which has it; leave it out"
         if document.get("movement"):
-            yield ("movement",), "is of grids of blocks; the lattice around a mesh moves it: leave this table out"
+            yield ("movement",), "is for grids of blocks; the lattice around a mesh moves it: leave this table out"
         if document.get("flow", {}).get("kind") == "euler":
             yield (
                 ("flow", "kind"),
@@ -161,9 +161,9 @@ class Meshes(GridKind):
         judged = ", ".join(name for name, aggregate in AGGREGATES.items() if aggregate.of_mixed)
         for name, aggregate in AGGREGATES.items():
             if not aggregate.of_mixed and (path := _first(asked, name)):
-                yield path, f"is of '{name}', which is of hexahedra in blocks; of cells of any kind there are {judged}"
+                yield path, f"is of '{name}', which needs hexahedra in blocks; for any cells there are {judged}"
         if "grid" in document.get("output", {}):
-            yield ("output", "grid"), "is of grids of blocks; a mesh is written as its own file is: leave it out"
+            yield ("output", "grid"), "is for grids of blocks; a mesh is written as its own file is: leave it out"
 
     def written(self, when: str, file: Path, output: Table) -> str:
         """Name of the mesh that is written, in the format of its own file."""
@@ -171,11 +171,11 @@ class Meshes(GridKind):
         return f"grid_{when}/{POLYMESH}" if source.name == POLYMESH else f"grid_{when}{source.suffix}"
 
     def is_plane(self, name: str, folder: Path) -> bool:
-        """No: what reads a mesh of two dimensions makes it one cell deep."""
+        """False: readers make a two-dimensional mesh one cell deep."""
         return False
 
     def model_part(self, grid: Table, path_of: PathOf, is_plane: bool) -> Iterator[ast.stmt | str]:
-        """Statements that make ``model``, and ``mesh``, the file that moved nodes are written into."""
+        """Statements that make ``model``, and ``mesh``, the file into which moved nodes are written."""
         if Path(grid["file"]).suffix == MODEL:
             yield statement("model = bm.meshes.MeshModel.load(file)", file=path_of(grid["file"]))
         else:
@@ -197,7 +197,7 @@ class Meshes(GridKind):
 
     def write(self, when: str, name: str, slides: bool) -> ast.expr:
         """Call that writes the mesh."""
-        moved = 'model.node_map.at(problem.get_val("control_points").reshape(-1, 3)).nodes'  # of all processes
+        moved = 'model.node_map.at(problem.get_val("control_points").reshape(-1, 3)).nodes'  # on all processes
         points = {"before": "mesh.mesh.points", "after": moved}[when]
         return expression(f"mesh.write(HERE / file, {points})", file=name)
 
@@ -208,7 +208,7 @@ BLOCKS, MESHES = Blocks(), Meshes()
 
 
 def kind_of(
-    name: str,  # file, or built-in grid, as the study has it
+    name: str,  # file, or built-in grid, as named in the study
     folder: Path,  # folder of the study
 ) -> GridKind:
     """Find the kind of a grid."""
@@ -218,5 +218,5 @@ def kind_of(
 
 
 def _first(asked: Mapping[tuple[str, ...], str], name: str) -> tuple[str, ...]:
-    """Where a name is asked for first; nothing where it is not."""
+    """Place where a name is first used; None if it is not."""
     return next((path for path, of in asked.items() if name in names_in(of)), ())

@@ -1,6 +1,6 @@
-"""The keys of a study but those of its variables: what each may be, what it means, and what it is where it is left out.
+"""The keys of a study except those of its variables: possible values, meanings and defaults.
 
-Whoever reads, explains or documents a study reads these tables. To add a key, add its line here, and what it makes to
+Readers, messages and documentation of studies use these tables. To add a key, add its line here, and its effect to
 `script`.
 """
 
@@ -95,8 +95,8 @@ class MeasureKind:
 
     meaning: str  # what it is
     keys: dict[str, Key]  # its keys besides ``kind`` and ``patches``
-    made_by: str  # what makes it: a method of a class of `bspline_mdao.measures`, of the surface
-    is_number: bool = True  # whether it is one number, which an objective has to be
+    made_by: str  # what makes it: a method of a class of `bspline_mdao.measures`, taking the surface
+    is_number: bool = True  # whether it is a scalar, as an objective must be
 
     @property
     def all_keys(self) -> dict[str, Key]:
@@ -163,10 +163,10 @@ MEASURES = {
         "Clearance.between",
     ),
 }
-"""Tables ``[measures.NAME]`` by kind. One with all defaults need not be written: its name is enough."""
+"""Tables ``[measures.NAME]`` by kind. A table with only defaults may be left out: its name is enough."""
 
 QUALITIES = {name: aggregate.meaning for name, aggregate in AGGREGATES.items()}
-"""What objectives and constraints may say of the cells of the grid."""
+"""Measures of the cells of the grid for objectives and constraints."""
 
 _DEGREES = number("a number from -90 to 90", -90.0, 90.0)
 _SUBSONIC, _MACH = number("a number from 0.001 to 0.99", 1e-3, 0.99), number("a number from 0.001 to 10", 1e-3, 10.0)
@@ -188,11 +188,11 @@ class Flow:
     meaning: str  # what it is
     made_by: str  # group of `bspline_mdao`
     keys: dict[str, Key]  # its keys besides ``kind``
-    outputs: tuple[str, ...]  # its outputs that are one number
+    outputs: tuple[str, ...]  # its scalar outputs
 
 
 MOST_NODES = 1000
-"""Nodes of a vortex lattice at most: its matrices are dense, 1.6 GB for 900 nodes with a gradient."""
+"""Largest number of nodes of a vortex lattice: its matrices are dense, 1.6 GB for 900 nodes with a gradient."""
 
 FLOWS = {
     "lattice": Flow(
@@ -270,7 +270,7 @@ JUNCTION = {
     ),
     "shape": Key(OF_VARIABLES, "variables of the body's own shape, such as one of the kind radius", otherwise="none"),
 }
-"""Table ``[junction]``; none without it."""
+"""Table ``[junction]``; optional."""
 
 MOVEMENT = {
     "mover": Key(one_of("rotations", "elasticity"), "what moves the control mesh", "rotations"),
@@ -289,7 +289,7 @@ SCIPY = {
     "L-BFGS-B": (False, False),
     "TNC": (False, False),
 }
-"""Optimizers of SciPy: whether they take inequality and equality constraints."""
+"""Optimizers of SciPy: whether they accept inequality and equality constraints."""
 
 DRIVER = {
     "optimizer": Key(TEXT, "of NLopt, such as LD_SLSQP, or of SciPy: " + ", ".join(SCIPY), "LD_SLSQP"),

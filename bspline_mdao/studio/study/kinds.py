@@ -1,4 +1,4 @@
-"""Kinds of values in a study, what each accepts, with limits that no computation runs away beyond, and of keys."""
+"""Kinds of values in a study: what each accepts, with limits that keep computations bounded; and kinds of keys."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from typing import Any
 __all__ = ["Key", "Kind", "list_of", "number", "one_of", "slices_of", "whole"]
 
 LARGEST = 1e20
-"""Size of a number at most; OpenMDAO takes bounds from 1e30 on for none."""
+"""Largest size of a number; OpenMDAO takes bounds from 1e30 on for none."""
 
 LONGEST = 1000
-"""Entries of a list at most."""
+"""Largest number of entries of a list."""
 
 MOST_LETTERS = 2000
-"""Letters of a text at most."""
+"""Largest number of letters of a text."""
 
 MOST_POINTS = 10_000
-"""Points of a free-form lattice at most."""
+"""Largest number of points of a free-form lattice."""
 
 _SLICE = re.compile(r"(-?\d{1,6})?(?::(-?\d{1,6})?)?(?::(-?\d{1,6})?)?", re.ASCII)
 
@@ -31,8 +31,8 @@ _SLICE = re.compile(r"(-?\d{1,6})?(?::(-?\d{1,6})?)?(?::(-?\d{1,6})?)?", re.ASCI
 class Kind:
     """A kind of value."""
 
-    words: str  # what it is, for messages and tables: "a positive number"
-    accepts: Callable[[Any], bool]  # whether a value of TOML is one
+    words: str  # its description, for messages and tables: "a positive number"
+    accepts: Callable[[Any], bool]  # whether it accepts a value of TOML
 
 
 def number(words: str, least: float = -LARGEST, most: float = LARGEST) -> Kind:
@@ -46,7 +46,7 @@ def whole(least: int, most: int) -> Kind:
 
 
 def list_of(kind: Kind, words: str, n: int | None = None) -> Kind:
-    """A list of a kind of values, of any number up to `LONGEST` or of the given one."""
+    """A list of values of one kind, of any length up to `LONGEST` or of the given one."""
 
     def accepts(value: Any) -> bool:
         fits = isinstance(value, list) and 0 < len(value) <= LONGEST and n in (None, len(value))
@@ -61,7 +61,7 @@ def one_of(*names: Any) -> Kind:
 
 
 def slices_of(text: str) -> tuple[slice | int, ...] | None:
-    """Read three slices or numbers, as they stand in the brackets of an index; None where a text is none.
+    """Read three slices or numbers, as in the brackets of an index; None if a text is not of this form.
 
     Examples
     --------
@@ -153,11 +153,11 @@ DIRECTION = Kind(
 class Key:
     """A key of a table."""
 
-    kind: Kind  # what it may be
+    kind: Kind  # accepted values
     meaning: str  # what it means, with its unit
-    default: Any = None  # value where it is left out; None where there is none to write down
-    otherwise: str = ""  # what happens where it is left out and there is no value to write down
-    is_required: bool = False  # whether it has to be there
+    default: Any = None  # value if it is left out; None if there is none to write down
+    otherwise: str = ""  # what happens if it is left out and there is no default to write down
+    is_required: bool = False  # whether it must be given
 
 
 WHICH_KIND = {"kind": Key(TEXT, "one of the kinds below", otherwise="the name of the table")}

@@ -1,4 +1,4 @@
-"""Text of trees of Python: lines of a readable length, texts in double quotes."""
+"""Text of syntax trees of Python: lines of a readable length, strings in double quotes."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from copy import deepcopy
 __all__ = ["python_text"]
 
 WIDTH = 120
-"""Longest line, as far as there are brackets to cut it at."""
+"""Longest line, if there are brackets at which to break it."""
 
 _INDENT = "    "
 
 
 def python_text(
-    # statements; lines of ours that are to be written as they are: comments, and blank lines as an empty text
+    # statements; strings are lines to write verbatim: comments, and blank lines as an empty string
     parts: Iterable[ast.stmt | str],
 ) -> str:  # python
     """Write statements one below the other."""
@@ -45,14 +45,14 @@ def _lines(node: ast.stmt, indent: str) -> Iterator[str]:
 
 
 def _is_table(node: ast.expr) -> bool:
-    """Whether it is a list of what is made, or a dictionary of several values by name: its entries are lines."""
+    """Whether it is a list of calls, or a dictionary of several values by name: its entries are lines."""
     if isinstance(node, ast.Dict):
         return any(isinstance(value, ast.Dict | ast.Tuple) for value in node.values)
     return isinstance(node, ast.List) and any(isinstance(entry, ast.Call) for entry in node.elts)
 
 
 def _folded(node: ast.expr, indent: str, before: str = "", after: str = "", is_table: bool = False) -> Iterator[str]:
-    """Lines of an expression: one; or, if that is too long or a table, what stands in its brackets below each other."""
+    """Lines of an expression: one, or, if that is too long or a table, the contents of its brackets, a line each."""
     line = f"{indent}{before}{_flat(node)}{after}"
     items = _items(node)
     if not items or (len(line) <= WIDTH and not is_table):
@@ -66,7 +66,7 @@ def _folded(node: ast.expr, indent: str, before: str = "", after: str = "", is_t
 
 
 def _items(node: ast.expr) -> list[tuple[str, ast.expr]]:
-    """What stands in the brackets of an expression, and what is written before each."""
+    """The contents of an expression's brackets, and the prefix of each item."""
     if isinstance(node, ast.Call):
         return [*(("", item) for item in node.args), *((f"{item.arg}=", item.value) for item in node.keywords)]
     if isinstance(node, ast.Dict):
@@ -86,7 +86,7 @@ def _flat(node: ast.AST) -> str:
 
 
 class _Quoted(ast.NodeTransformer):
-    """Puts texts into double quotes, as names that are written as they are."""
+    """Puts strings into double quotes, as names that are written verbatim."""
 
     def visit_Constant(self, node: ast.Constant) -> ast.expr:
         return ast.Name(f'"{"".join(map(_escaped, node.value))}"') if isinstance(node.value, str) else node
@@ -96,7 +96,7 @@ class _Quoted(ast.NodeTransformer):
 
 
 def _escaped(letter: str) -> str:
-    """A letter of a text as Python has it."""
+    """A letter of a string as Python writes it."""
     if letter in '"\\':
         return f"\\{letter}"
     return letter if letter.isprintable() else letter.encode("unicode_escape").decode("ascii")

@@ -1,4 +1,4 @@
-"""Names in a study: what variables, measures and conditions may be called."""
+"""Names in a study: the rules for variables, measures and conditions."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ FUNCTIONS = {
     "distributed", "do_coloring", "has_diag_partials", "run_root_only", "shape", "shape_by_conn", "units",
     "use_jit",
 }  # fmt: skip
-"""What names in the expressions of an ``om.ExecComp`` mean already, and its options."""
+"""Names with a meaning in expressions of an ``om.ExecComp``, and its options."""
 
 
 def fault_of_name(
     group: str,  # ``variables``, ``measures``, ``conditions`` or ``constraints``
     name: str,  # the name
 ) -> str:
-    """Say why nothing can have a name; empty where it can."""
+    """Say why a name is not allowed; empty if it is."""
     if not _NAME.fullmatch(name) or len(name) > _LONGEST:
         return f"is no name; give one of letters, digits and _ that starts with a letter, {_LONGEST} letters at most"
     if iskeyword(name):
@@ -48,9 +48,7 @@ def fault_of_name(
     is_taken = name in _TAKEN or (group == "measures" and name in FUNCTIONS)
     is_taken |= group == "conditions" and hasattr(om.Group(), name)
     if is_taken and group != "constraints":
-        return "is a name that something else has; choose another one" + (
-            "" if group == "conditions" else " and give kind"
-        )
+        return "is a name already in use; choose another one" + ("" if group == "conditions" else " and give kind")
     return ""
 
 
@@ -65,5 +63,5 @@ def choices(name: str, allowed: Iterable[str], words: str, listed: list[str] | N
 
 
 def shortened(text: str) -> str:
-    """A text of a study in a message: all of it, or how it begins."""
+    """A text of a study in a message: all of it, or its beginning."""
     return text if len(text) <= 2 * _LONGEST else f"{text[:_LONGEST]}..."

@@ -1,4 +1,4 @@
-"""Options of drivers in a study: those that the driver declares, with values that it takes."""
+"""Options of drivers in a study: declared by the driver, with values that it accepts."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ KEYS = ("optimizer", "tolerance", "max_iterations")
 """Keys of ``[driver]`` that set options of drivers."""
 
 NLOPT, BY_SCIPY = ("optimizer", "ftol_rel", "maxeval"), ("optimizer", "tol", "maxiter")
-"""Options that they set."""
+"""The options that these keys set."""
 
 MANY = 10**6
-"""Variables, where it takes the grid to know how many there are."""
+"""Stand-in for the number of variables, which only the grid determines."""
 
 
 def settings_of(driver: Mapping[str, Any]) -> dict[str, Any]:
@@ -33,7 +33,7 @@ def settings_of(driver: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def options_of(driver: Mapping[str, Any]) -> OptionsDictionary:
-    """Options that a driver declares, those set that keys of ``[driver]`` set."""
+    """Options that a driver declares, without those that keys of ``[driver]`` set."""
     made = ScipyDriver() if driver["optimizer"] in SCIPY else NLoptDriver()
     for name, value in settings_of(driver).items():
         made.options[name] = value
@@ -41,7 +41,7 @@ def options_of(driver: Mapping[str, Any]) -> OptionsDictionary:
 
 
 def fault_of_option(driver: Mapping[str, Any], options: OptionsDictionary, name: str, value: Any) -> str:
-    """Say why an option cannot be given; empty where it can, and then it is set."""
+    """Set an option and return an empty text, or say why it cannot be given."""
     taken = dict(zip(settings_of(driver), KEYS))
     if name in taken:
         return f"is the key {taken[name]} of [driver]; give that"
@@ -66,7 +66,7 @@ def fault_of_option(driver: Mapping[str, Any], options: OptionsDictionary, name:
 def fault_of_options(
     options: OptionsDictionary, constraints: Mapping[str, Mapping[str, Any]], n_variables: float
 ) -> str:
-    """Say why options of NLopt do not go together, or with the study; empty where they do."""
+    """Say why options of NLopt contradict each other or the study; empty if they do not."""
     equalities = [name for name, table in constraints.items() if table["equals"] is not None]
     needs = Needs(
         n_variables=int(min(n_variables, MANY)),
@@ -84,7 +84,7 @@ def fault_of_options(
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether it is of texts, numbers and flags alone."""
+    """Whether it consists of texts, numbers and flags only."""
     if isinstance(value, list):
         return len(value) <= LONGEST and all(map(_is_plain, value))
     if isinstance(value, dict):

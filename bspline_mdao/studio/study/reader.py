@@ -1,6 +1,6 @@
-"""Reads a study from TOML, key by key, with what is left out filled in.
+"""Reads a study from TOML, key by key, and fills in the defaults.
 
-What goes together is checked table after table, in the order in which they are read.
+Consistency is checked table by table, in the order in which they are read.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def read_study(
 
 
 class _Reader(Tables):
-    """Checks the tables of a study one after the other."""
+    """Checks the tables of a study in order."""
 
     def study(self) -> Study:
         self.known(self.document, _TABLES, (), "table")
@@ -94,7 +94,7 @@ class _Reader(Tables):
         )  # fmt: skip
 
     def _families(self) -> dict[str, list[str]]:
-        """Patches by the name that they have together."""
+        """Patches by the name of their family."""
         families = self.document.get("families", {})
         if not isinstance(families, Mapping):
             raise self.refuse(("families",), 'is no table; write [families] and below it lines such as flap = "flap_*"')
@@ -106,7 +106,7 @@ class _Reader(Tables):
         return {name: [patches] if isinstance(patches, str) else patches for name, patches in families.items()}
 
     def _junction(self, variables: Iterable[str]) -> Table | None:
-        """Where a wing slides on a body; None where it does not."""
+        """The junction of a wing that slides on a body; None without one."""
         if "junction" not in self.document:
             return None
         junction = self.table("junction", JUNCTION)
@@ -121,15 +121,15 @@ class _Reader(Tables):
         return junction
 
     def _movement(self) -> Table:
-        """Read what moves the control mesh."""
+        """Read the settings of the mover."""
         movement = self.table("movement", MOVEMENT)
         for name in ("increments", "poisson_ratio") if movement["mover"] != "elasticity" else ():
             if name in self.document.get("movement", {}):
-                raise self.refuse(("movement", name), 'is of elasticity; add mover = "elasticity", or leave it out')
+                raise self.refuse(("movement", name), 'is for elasticity; add mover = "elasticity", or leave it out')
         return movement
 
     def _check_grid(self, grid: Table) -> None:
-        """Refuse files that are not there."""
+        """Refuse files that do not exist."""
         for key in ("file", "patches"):
             name = grid[key]
             if key == "file" and name.startswith("@"):
@@ -156,19 +156,19 @@ class _Reader(Tables):
             )
             raise self.refuse(("flow", "n_span"), said)
         if table.get("trim") and table["CL_target"] is None and "conditions" not in self.document:
-            raise self.refuse(("flow", "trim"), "needs the lift that is wanted; give CL_target")
+            raise self.refuse(("flow", "trim"), "needs a target lift; give CL_target")
         if table.get("trim") is False and table["CL_target"] is not None:
             raise self.refuse(("flow", "CL_target"), "is for a trimmed flow; give trim = true, or leave it out")
         if table.get("trim") and "alpha" in flow:
-            raise self.refuse(("flow", "alpha"), "is solved for where trim is true; leave one of the two out")
+            raise self.refuse(("flow", "alpha"), "is solved for if trim is true; leave one of them out")
         return table
 
     def _conditions(self, flow: Table | None) -> dict[str, Table]:
-        """Flight conditions, with what they leave out filled in."""
+        """Flight conditions, with defaults filled in."""
         names = self.named("conditions")
         if flow is None:
             if "conditions" in self.document:
-                raise self.refuse(("conditions",), "are those of a flow, and there is none; add [flow]")
+                raise self.refuse(("conditions",), "need a flow, and there is none; add [flow]")
             return {}
         kind = flow["kind"]
         for name in names:
@@ -181,7 +181,7 @@ class _Reader(Tables):
         return resolved_conditions(given, flow, self.refuse)
 
     def _constraint_paths(self, conditions: Iterable[str]) -> list[tuple[str, ...]]:
-        """Paths of the tables of constraints, those of conditions below [constraints]."""
+        """Paths of the tables of constraints; constraints of conditions are below [constraints]."""
         found: list[tuple[str, ...]] = []
         for name in self.named("constraints"):
             table = self.document["constraints"][name]
@@ -190,7 +190,7 @@ class _Reader(Tables):
                 flat = [key for key in table if key not in inner]
                 if flat:
                     raise self.refuse(
-                        ("constraints", name, flat[0]), f"is of no response; write [constraints.{name}.CL] or the like "
+                        ("constraints", name, flat[0]), f"names no response; write [constraints.{name}.CL] or the like "
                         f"for a constraint of the condition {name}"
                     )  # fmt: skip
                 for key in inner:
@@ -225,7 +225,7 @@ class _Reader(Tables):
             if kind == "alpha" and conditions and not free:
                 raise self.refuse(("variables", name), "is solved for at all conditions; leave it out")
             if kind == "alpha" and (flow is None or (flow.get("trim") and not conditions)):
-                lacks = "there is no [flow]" if flow is None else "it is solved for where trim is true"
+                lacks = "there is no [flow]" if flow is None else "it is solved for if trim is true"
                 raise self.refuse(("variables", name), f"is an input of the flow, and {lacks}; leave one of them out")
             found[name] = table
         if not found:
@@ -233,7 +233,7 @@ class _Reader(Tables):
         return found
 
     def _check_points(self, name: str, table: Table, above: Mapping[str, Table]) -> None:
-        """Refuse files and parents that are not there, and slices and boxes that choose no point of a lattice."""
+        """Refuse missing files and parents, and slices and boxes that select no point of a lattice."""
         file, parent = table.get("file"), table.get("parent")
         if file:
             self._require_file(("variables", name, "file"), file)
@@ -253,7 +253,7 @@ class _Reader(Tables):
                 raise self.refuse(("variables", name, "where"), said)
 
     def _check_cad(self, name: str, table: Table, above: Mapping[str, Table]) -> None:
-        """Refuse files that are no CAD files or not there, and two ways to tie walls to one file."""
+        """Refuse files that are missing or no CAD files, and two ways to tie walls to one file."""
         if "to" in table:
             table["to"] = [table["to"]] if isinstance(table["to"], str) else table["to"]
             for file in table["to"]:
@@ -273,33 +273,35 @@ class _Reader(Tables):
                 raise self.refuse(("variables", name, "file"), f"{said}; rename one of them")
 
     def _require_file(self, path: tuple[str, ...], name: str) -> None:
-        """Refuse a file that is not there."""
+        """Refuse a missing file."""
         if not _is_file(self.path.parent / name):
-            complaint = f"names '{shortened(name)}', and there is no such file beside {self.path.name}"
+            complaint = f"names '{shortened(name)}', and there is no such file next to {self.path.name}"
             raise self.refuse(path, complaint)
 
     def _check_hinge(self, name: str, table: Table, above: Mapping[str, Table]) -> None:
-        """Refuse rotations about no axis or several, and those of nothing."""
+        """Refuse rotations about no axis or several axes, and rotations of nothing."""
         given = [key for key in ("axis", "chord", "hinge") if table.get(key) is not None]
         if len(given) != 1:
             choice = "axis, chord or hinge" if table["kind"] == "rotation" else "axis or chord"
             said = f"has {' and '.join(given) or 'no axis'}; give one of {choice}"
             raise self.refuse(("variables", name, *given[1:2]), said)
         if "span" in self.document["variables"][name] and given != ["chord"]:
-            raise self.refuse(("variables", name, "span"), "is of a hinge along the chord; give chord, or leave it out")
+            raise self.refuse(
+                ("variables", name, "span"), "is for a hinge along the chord; give chord, or leave it out"
+            )
         if given == ["hinge"] and above.get(table["hinge"], {}).get("kind") != "hinge":
             hinges = [other for other, each in above.items() if each["kind"] == "hinge"]
             advice = choices(table["hinge"], hinges, "there are") if hinges else "write the table of the hinge first"
             said = f"is '{shortened(table['hinge'])}', which is no hinge in a table above; {advice}"
             raise self.refuse(("variables", name, "hinge"), said)
         if table["kind"] == "rotation" and not (table["patches"] or table["blend"]):
-            said = "does not say what turns; give blend for what is behind the hinge, or patches, '*' for all of them"
+            said = "does not say what rotates; give blend for what is behind the hinge, or patches, '*' for all of them"
             raise self.refuse(("variables", name), said)
         if table.get("ends") is not None and not table["blend"]:
-            raise self.refuse(("variables", name, "ends"), "is of what is behind the hinge; give blend as well")
+            raise self.refuse(("variables", name, "ends"), "is for what is behind the hinge; give blend as well")
 
     def _check_bounds(self, name: str, table: Table, n_alpha: int) -> None:
-        """Refuse lists of other lengths than there are values, and bounds that leave nothing between them."""
+        """Refuse lists whose length is not the number of values, and bounds with nothing between them."""
         stations, chosen = table.get("stations"), table.get("values")
         n = len(stations) if isinstance(stations, list) else stations
         if chosen and n and (max(chosen) > n or len(set(chosen)) < len(chosen)):
@@ -344,7 +346,7 @@ class _Reader(Tables):
     def _all_measures(
         self, declared: dict[str, Table], asked: Mapping, flow: Table | None, conditions: Iterable[str]
     ) -> dict[str, Table]:
-        """Measures that are declared, and those that are asked for by the name of their kind."""
+        """Measures that are declared, and measures used by the name of their kind."""
         found = dict(declared)
         for path, of in asked.items():
             for name in names_in(of):
@@ -364,7 +366,7 @@ class _Reader(Tables):
     def _unknown(
         self, of: str, name: str, measures: Iterable[str], flow: Table | None, conditions: Iterable[str]
     ) -> str:
-        said = f"is of '{name}', which there is not" if of == name else f"is '{of}'; there is no '{name}'"
+        said = f"is of '{name}', which does not exist" if of == name else f"is '{of}'; there is no '{name}'"
         condition, _, output = name.rpartition(".")
         if condition and condition not in conditions:
             return f"{said}: '{condition}' {self._no_condition(condition, conditions)}"
@@ -374,11 +376,11 @@ class _Reader(Tables):
         return f"{said}; {choices(name, [*self.outputs, *MEASURES, *measures, *QUALITIES], 'there are')}"
 
     def _written(self, path: tuple[str, ...]) -> tuple[str, ...]:
-        """Path of a key, or of its table where the key is left out."""
+        """Path of a key, or of its table if the key is left out."""
         return path if path in self.lines else path[:-1]
 
     def _numbers(self, asked: Mapping, measures: dict[str, Table]) -> None:
-        """Refuse expressions and objectives of what is not one number."""
+        """Refuse expressions and objectives of vectors."""
         for path, of in asked.items():
             is_expression = of not in (*measures, *QUALITIES, *self.outputs)
             if is_expression and not names_in(of):
@@ -408,7 +410,7 @@ class _Reader(Tables):
         constraints: Mapping[str, Table],
         conditions: Mapping[str, Table],
     ) -> None:
-        """Refuse two responses that are one output, and expressions whose names something else has."""
+        """Refuse two responses with the same output, and expressions with names that are taken."""
         first = objective_response(objective["of"], conditions)
         seen, made = {first.output: "[objective]"}, {first.component, *([first.output] if first.formula else [])}
         for name, table in constraints.items():
@@ -417,7 +419,7 @@ class _Reader(Tables):
                 if response.output in seen:
                     raise self.refuse(path, f"is of '{response.output}', as {seen[response.output]} is; leave one out")
                 if response.component in made:
-                    raise self.refuse(path, "is a name that something else has; choose another one and give of")
+                    raise self.refuse(path, "is a name already in use; choose another one and give of")
                 seen[response.output] = f"[constraints.{name}]"
                 made |= {response.component, *([response.output] if response.formula else [])}
         for group in ("measures", "variables", "conditions"):
@@ -426,12 +428,12 @@ class _Reader(Tables):
                     raise self.refuse((group, name), "is the name of an expression as well; choose another one")
 
     def _evened(self, variables: Mapping[str, Table], flow: Table | None, conditions: Mapping[str, Table]) -> list[str]:
-        """Variables of which the driver is to see combinations."""
+        """Variables that the driver sees as combinations."""
         path = ("driver", "even_pressures")
         names = self.table("driver", DRIVER)["even_pressures"] or []
         names = [names] if isinstance(names, str) else names
         if names and (flow is None or flow["kind"] != "euler" or conditions):
-            raise self.refuse(path, "is of pressures of Euler flow at one condition; leave it out")
+            raise self.refuse(path, "needs pressures of Euler flow at one condition; leave it out")
         for name in names:
             if name not in variables:
                 said = f"names '{shortened(name)}', which is no variable; {choices(name, variables, 'there are')}"
@@ -473,12 +475,12 @@ class _Reader(Tables):
             return driver
         bounded: dict[str, Table] = {**constraints, **{each: {"equals": None} for each in evened}}
         if fault := fault_of_options(options, bounded, n_variables):
-            raise self.refuse(("driver",), f"has what does not go together: {fault}")
+            raise self.refuse(("driver",), f"has contradictory options: {fault}")
         return driver
 
 
 def _is_file(path: Path) -> bool:
-    """Whether a file is there, or OpenFOAM's folder; names that no file can have are of none."""
+    """Whether a file, or OpenFOAM's folder, exists; impossible file names do not."""
     try:
         return path.is_file() or (path.name == POLYMESH and path.is_dir())
     except (OSError, ValueError):
@@ -486,7 +488,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _outputs(flow: Table | None) -> tuple[str, ...]:
-    """Outputs of the flow that are one number."""
+    """Scalar outputs of the flow."""
     return () if flow is None else FLOWS[flow["kind"]].outputs
 
 

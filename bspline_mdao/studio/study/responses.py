@@ -1,4 +1,4 @@
-"""What objectives and constraints of a study are of: outputs of the problem, or of components that make them."""
+"""Responses of a study: outputs of the problem, or of components that compute them."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Response:
 
     name: str  # name of the constraint, or ``objective``
     output: str  # output of the problem
-    formula: str = ""  # what it is, of other outputs; empty where the output is there already
+    formula: str = ""  # its formula in other outputs; empty if the output exists already
 
     @property
     def component(self) -> str:
-        """Component that makes it."""
+        """Component that computes it."""
         return f"{self.name}_expression"
 
     @property
@@ -35,19 +35,19 @@ class Response:
         return any(name.rpartition(".")[2] in FLOWS["euler"].outputs for name in names)
 
     def far_and_near(self, conditions: Iterable[str]) -> tuple[list[str], list[str]]:
-        """Outputs that its formula is of: those of conditions, and those that are promoted."""
+        """Outputs in its formula: outputs of conditions, and promoted outputs."""
         of_flows = of_conditions(conditions, FLOWS["euler"].outputs)
         names = names_in(self.formula)
         return [name for name in names if name in of_flows], [name for name in names if name not in of_flows]
 
     @property
     def equation(self) -> str:
-        """Output and formula, with names that an ``om.ExecComp`` can have."""
+        """Output and formula, with names that an ``om.ExecComp`` accepts."""
         return f"{self.output} = {renamed(self.formula, flat_name)}"
 
 
 def objective_response(of: str, conditions: Conditions) -> Response:
-    """Response of an objective; of outputs of the flow without a condition the mean of all conditions."""
+    """Response of an objective; outputs of the flow without a condition are averaged over all conditions."""
     weights = weights_of(conditions)
     if not conditions or not bare_outputs(names_in(of)):
         return _response("objective", of)
@@ -62,7 +62,7 @@ def objective_response(of: str, conditions: Conditions) -> Response:
 
 
 def constraint_responses(name: str, of: str, conditions: Conditions) -> Iterator[Response]:
-    """Responses of a constraint; of outputs of the flow without a condition one at each."""
+    """Responses of a constraint; outputs of the flow without a condition make one for each."""
     key = flat_name(name)
     if not conditions or not bare_outputs(names_in(of)):
         yield _response(key, of)

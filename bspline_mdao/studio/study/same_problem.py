@@ -1,4 +1,4 @@
-"""Whether two studies pose one problem, so that the cases of the one are worth something to the other."""
+"""Check that two studies pose the same problem, so that cases of one are valid for the other."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .study import Study, Table
 __all__ = ["check_same_problem", "problem_of"]
 
 _LIMITS = ("lower", "upper", "start", "equals", "ref")
-"""Keys of variables, objective and constraints that may change: values of the model at a design stay."""
+"""Keys of variables, objective and constraints that may change: the values of the model at a design stay the same."""
 
 _FILES = ("grid", "file"), ("grid", "patches"), ("variables", "file"), ("variables", "to")
-"""Tables, and keys of theirs that name files."""
+"""Tables, and their keys that name files."""
 
 
 def problem_of(study: Study) -> dict[str, Any]:
-    """What the values of a study's model depend on, table by table, as JSON gives it back; files by their digests."""
+    """All that the values of a study's model depend on, table by table, in the form of JSON; files by their digests."""
     found: dict[str, Any] = {
         "grid": dict(study.grid),
         "variables": {name: _without_limits(table) for name, table in study.variables.items()},
@@ -43,15 +43,15 @@ def problem_of(study: Study) -> dict[str, Any]:
 
 def check_same_problem(
     study: Study,  # the study
-    earlier: Mapping[str, Any],  # what `problem_of` gave of the one before
+    earlier: Mapping[str, Any],  # result of `problem_of` for the earlier study
     where: str,  # where its run was, for the message
 ) -> None:
-    """Refuse a study that poses another problem than one before."""
+    """Refuse a study whose problem differs from an earlier one."""
     changed = _difference(earlier, problem_of(study))
     if changed:
         raise InputError(
-            f"{study.source}: {changed} in the run that {where} has cases of; undo that to go on from them, or begin "
-            f"anew with --overwrite"
+            f"{study.source}: {changed} in the run whose cases are in {where}; undo that to continue from them, or "
+            f"start again with --overwrite"
         )
 
 
@@ -60,7 +60,7 @@ def _without_limits(table: Table) -> Table:
 
 
 def _difference(old: Mapping[str, Any], new: Mapping[str, Any], *path: str) -> str:
-    """The first difference of two tables in words, empty where there is none."""
+    """The first difference of two tables in words, empty if there is none."""
     for name in {**new, **old}:
         place = [*path, name]
         if isinstance(old.get(name), Mapping) and isinstance(new.get(name), Mapping):
@@ -70,7 +70,7 @@ def _difference(old: Mapping[str, Any], new: Mapping[str, Any], *path: str) -> s
         elif isinstance(old.get(name, new.get(name)), Mapping):
             words = f"[{'.'.join(place)}] is {'new, and was not' if name in new else 'left out, and was'}"
         elif (place[0], name) in _FILES:
-            words = f"[{'.'.join(path)}] {name} is another one than"
+            words = f"[{'.'.join(path)}] {name} is not the same as"
         else:
             words = f"[{'.'.join(path)}] {name} is {_written(new.get(name))}, and was {_written(old.get(name))}"
         if words:

@@ -41,7 +41,7 @@ import bspline_mdao as bm
 class Sampling:
     """How a study is sampled."""
 
-    n: int | None  # number of designs; none where they are those of a table
+    n: int | None  # number of designs; None if a table gives them
     plan: str  # one of `PLANS`, or the file of a table
     seed: int
     has_flow: bool  # whether the flow of the study is solved

@@ -1,6 +1,6 @@
-"""The Python script that a study stands for: the command ``optimize`` runs it, and so can anyone.
+"""The Python script of a study: the command ``optimize`` runs it, and so can anyone.
 
-It is built as a tree, in which what the study says stands as values: whatever that is, the script calls nothing else.
+It is built as a syntax tree with the study's settings as values: whatever they are, the script calls nothing else.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ SCRIPT = "optimize.py"
 """Name of the script in the folder of the results."""
 
 FINER = 1.5
-"""Cells per direction of the grid that lift and drag are estimated for, relative to those of the grid."""
+"""Cells per direction of the grid on which lift and drag are estimated, relative to the study's grid."""
 
 PRESSURE = 0.1
 """Root mean square of the change of pressure coefficients that the driver sees as 1."""
 
 DRAG = numbers("euler", "drag")
-"""Objectives of which a hundredth is the unit."""
+"""Objectives whose unit is a hundredth."""
 
 _HEAD = '''"""The optimisation that a study stands for.
 
-Written and run by ``bspline-mdao optimize``: the results beside it are those of this script, which writes them anew
-when it is run again. Go on from here where a study ends.
+Written and run by ``bspline-mdao optimize``: the results next to it come from this script, which writes them again
+when it is run again. Continue here where a study ends.
 """
 
 from pathlib import Path
@@ -60,16 +60,16 @@ Part = Iterator[ast.stmt | str]
 
 def study_script(
     study: Study,  # the study
-    folder: Path,  # folder of the script: names of files in it are relative to that
-    earlier: Path | None = None,  # case file of another run, from whose best design it goes on
-    is_plane: bool = False,  # whether the grid is plane, and becomes one cell deep
+    folder: Path,  # folder of the script: file names in it are relative to this folder
+    earlier: Path | None = None,  # case file of another run, whose best design is the start
+    is_plane: bool = False,  # whether the grid is planar, and becomes one cell deep
 ) -> str:  # python
     """Write the script of a study."""
     return python_text(StudyScript(study, folder, earlier, is_plane).parts())
 
 
 class StudyScript:
-    """Makes the parts of a script one after the other: statements, comments and blank lines."""
+    """Makes the parts of a script in order: statements, comments and blank lines."""
 
     def __init__(self, study: Study, folder: Path, earlier: Path | None, is_plane: bool):
         self.study, self.folder, self.is_plane = study, folder, is_plane
@@ -158,7 +158,7 @@ class StudyScript:
         yield ""
 
     def _subsystems(self) -> Part:
-        """What moves the grid, flows, and responses that are expressions."""
+        """Mover of the grid, flows, and responses that are expressions."""
         yield statement("top = problem.model")
         for name in self.study.evened:
             units = {"units": unit} if (unit := VARIABLES[self.study.variables[name]["kind"]].units) else {}
@@ -205,7 +205,7 @@ class StudyScript:
         )
 
     def _inputs(self, name: str, table: Table) -> list[tuple[str, Table]]:
-        """Inputs of the problem that a variable is, with their parts of its bounds: of alpha, one at each condition."""
+        """Inputs of the problem for a variable, with their parts of its bounds: for alpha, one at each condition."""
         if table["kind"] != "alpha" or not self.study.conditions:
             return [(name, table)]
         return [(f"{each}.alpha", _part(table, number)) for number, each in enumerate(self._free)]
@@ -233,7 +233,7 @@ class StudyScript:
         return call(made_by, **settings_of(driver), **driver["options"])
 
     def _before(self) -> Part:
-        """What is recorded, and the baseline."""
+        """The recording options, and the baseline."""
         study = self.study
         yield statement("outputs = names", names=self._outputs())
         made = call("bm.CaseRecorder", expression("HERE / file", file=CASES), keep="*", **self.earlier)
@@ -253,7 +253,7 @@ class StudyScript:
         )
 
     def _after(self) -> Part:
-        """The optimisation, and what is written."""
+        """The optimisation, and its output files."""
         study = self.study
         if self.earlier:
             yield done(call("bm.load_best", expression("problem"), *self.earlier.values()))
@@ -301,7 +301,7 @@ class StudyScript:
         return self.study.kind.write(when, self.study.written(when), bool(self.study.grid["sliding"]))
 
     def _summary(self) -> ast.Call:
-        """Summary of the design as it is, with what lift and drag would be, or are, on finer grids."""
+        """Summary of the current design, with estimated or solved lift and drag on finer grids."""
         solved_on = self.study.output["solved_on"] if self.study.has_pressures else None
         factors = {"finer": FINER if self._is_estimated else None, "solved_on": solved_on}
         finer = {
@@ -317,7 +317,7 @@ class StudyScript:
         return self.study.has_pressures and self.study.output["estimate_errors"]
 
     def _mode(self) -> str:
-        """How totals are taken, where each takes a linear solve of a flow: forward for few variables, or reverse."""
+        """Mode of total derivatives, each of which may take a linear solve of a flow: forward for few variables."""
         study = self.study
         if not study.has_pressures:
             return ""
@@ -325,7 +325,7 @@ class StudyScript:
         return "rev" if study.n_values > n_depend / max(1, len(study.conditions)) else "fwd"
 
     def _outputs(self) -> list[str]:
-        """What is said of the flow and the shape besides objective and constraints."""
+        """Reported outputs of the flow and the shape besides objective and constraints."""
         flow, conditions = self.study.flow, self.study.conditions
         if flow is None:
             return list(self.study.measures)
@@ -335,7 +335,7 @@ class StudyScript:
         return [*found, *self.study.measures, *(["alpha"] if flow.get("trim") and not conditions else trimmed)]
 
     def _recorded(self) -> ast.expr:
-        """What the report page shows besides variables and responses."""
+        """Recorded outputs for the report page besides variables and responses."""
         study, names = self.study, ["control_points"]
         if study.flow:
             field = "Cp" if study.flow["kind"] == "euler" else "delta_Cp"
@@ -348,7 +348,7 @@ class StudyScript:
         return found
 
     def _values(self) -> Part:
-        """Values of inputs that are not those of the model."""
+        """Values of inputs that differ from the model's."""
         if self.study.conditions:
             yield statement(
                 "for name, values in conditions.items():\n"

@@ -17,16 +17,16 @@ from .variable_kinds import VARIABLES
 __all__ = ["changed", "shape_part"]
 
 _OF_WINGS = {"n_span": 5, "stations": [0.1, 0.5, 0.9]}
-"""Settings of measures of wings where a study leaves them out; a section has one."""
+"""Default settings of measures of wings; a section has one station."""
 
 QUARTER = 0.25
-"""Part of the chord where the reference axis of a wing is."""
+"""Position of the reference axis of a wing along the chord."""
 
 
 def shape_part(
     study: Study,  # the study
-    path_of: Callable[[str], ast.expr],  # makes the path of a file that it names
-    is_judged: bool = True,  # whether the movement of the grid refuses inverted cells, and has the quality of cells
+    path_of: Callable[[str], ast.expr],  # makes the path of a file in the study
+    is_judged: bool = True,  # whether the movement of the grid refuses inverted cells, and computes their quality
 ) -> Iterator[ast.stmt | str]:
     """Statements that make ``variables``, ``measures``, ``mover`` and ``shape`` of ``model`` and ``wing``."""
     moved = {_names(part): part for _, table in _moving(study) if (part := _part(table))}
@@ -82,7 +82,7 @@ def _moving(study: Study) -> list[tuple[str, Table]]:
 
 
 def _part(table: Table) -> str | list[str] | None:
-    """Patches that a variable moves as a surface of their own; None where it moves all, or points of all."""
+    """Patches that a variable moves as a surface of their own; None if it moves all, or control points of all."""
     return None if table["kind"] in ("control_points", "rotation") else table.get("patches")
 
 
@@ -92,7 +92,7 @@ def _surface(part: str | list[str] | None) -> ast.expr:
 
 
 def _place(table: Table) -> float | tuple[str, float]:
-    """Name of the axis of a variable: its part of the chord, of a part of the surface with the name of that."""
+    """Name of the axis of a variable: its position along the chord, with the name of its part of the surface if any."""
     part = _part(table)
     return (_names(part), table["at"]) if part else table["at"]
 
@@ -176,7 +176,7 @@ def _on_cad(name: str, table: Table, path_of: Callable[[str], ast.expr]) -> ast.
 
 
 def _hinge(table: Table) -> ast.expr | None:
-    """Hinge of a variable; None where it has none of its own."""
+    """Hinge of a variable; None if it has none of its own."""
     if table["kind"] in ("rotation", "hinge") and table["axis"]:
         return call("bm.design.Hinge", *map(tuple, table["axis"]))
     if table["kind"] not in ("rotation", "hinge") or table["chord"] is None:
@@ -186,7 +186,7 @@ def _hinge(table: Table) -> ast.expr | None:
 
 
 def _lattice(table: Table, path_of: Callable[[str], ast.expr]) -> ast.expr:
-    """Lattice of a file, or that around the mesh."""
+    """Lattice of a file, or around the mesh."""
     if table["kind"] == "free_lattice":
         settings = call("bm.meshes.LatticeSettings", spacing=table["spacing"])
         coarser = expression("model.with_settings(settings)", settings=settings) if table["spacing"] else None
@@ -198,12 +198,12 @@ def _lattice(table: Table, path_of: Callable[[str], ast.expr]) -> ast.expr:
 
 
 def _limits(corner: list[float]) -> tuple[float | None, ...]:
-    """Corner of a box as `within` takes it."""
+    """Corner of a box as an argument of `within`."""
     return tuple(None if math.isinf(value) else value for value in corner)
 
 
 def _slices(where: str) -> ast.Tuple:
-    """Tree of what stands between the brackets of an index."""
+    """Tree of the contents of an index's brackets."""
     parts: list[ast.expr] = []
     for part in slices_of(where) or ():
         if isinstance(part, int):
@@ -221,7 +221,7 @@ def _names(patches: str | list[str]) -> str:
 
 
 def _measured(table: Table) -> list[str]:
-    """Patches that a measure is of, on both sides of a clearance; none where it is of all that are designed."""
+    """Patches of a measure, on both sides of a clearance; none for all designed patches."""
     sides = [table["patches"], table.get("to")]
     return [name for side in sides if side for name in ([side] if isinstance(side, str) else side)]
 
@@ -241,7 +241,7 @@ def _measure(name: str, table: Table) -> ast.expr:
 
 
 def _mover(study: Study) -> Iterator[ast.stmt | str]:
-    """The mover; of elasticity without a number of increments, as many as the bounds of the variables need."""
+    """The mover; elasticity without a number of increments takes as many as the bounds of the variables need."""
     movement = study.movement
     if movement["mover"] == "rotations":
         yield statement("mover = bm.movers.Rotations(wing.mesh)")
@@ -261,7 +261,7 @@ def _mover(study: Study) -> Iterator[ast.stmt | str]:
 
 
 def _at_bound(table: Table, side: str) -> Any:
-    """Bound of all values of a variable; those that are none of the driver's stay as they are."""
+    """Bound of all values of a variable; values that the driver does not change stay as they are."""
     bound, chosen = table[side], table.get("values")
     if not chosen:
         return bound

@@ -1,4 +1,4 @@
-"""The part of a study's script that moves the grid, run by itself: its model and what its variables do to it."""
+"""The part of a study's script that moves the grid, run on its own: its model and the effect of its variables."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _HEAD = '"""The shape of a study."""\n\nfrom pathlib import Path\n\nimport numpy
 
 
 def shape_alone(study: Study) -> Study:
-    """Leave out of a study all but its variables that move the grid, and its measures."""
+    """Remove everything from a study but its variables that move the grid, and its measures."""
     moving = {name: table for name, table in study.variables.items() if VARIABLES[table["kind"]].made_by}
     objective = study.objective | {"of": next(iter(study.measures), "")}
     return replace(study, flow=None, conditions={}, variables=moving, constraints={}, objective=objective)
@@ -32,7 +32,7 @@ def shape_alone(study: Study) -> Study:
 
 @dataclass(frozen=True, eq=False)
 class StudiedShape(OneLine):
-    """What the script of a study makes of its grid."""
+    """The grid model, variables and mover that the script of a study makes."""
 
     study: Study
     model: Movable

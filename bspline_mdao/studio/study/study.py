@@ -1,4 +1,4 @@
-"""A study, as `reader` makes it of its file: what it asks for, and the files that it names and writes."""
+"""A study, as `reader` makes it from its file: its settings, and its input and output files."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ CASES, PICTURE = "cases.sql", "section.png"
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What a study file says."""
+    """The settings of a study file."""
 
     source: Path  # the file
     # grid, objective, movement, driver, output: tables of these names
     grid: Table
-    # variables, measures, constraints: tables by name, in the order of the file. Measures are all that are asked for,
-    # those without a table as well. Constraints of one condition are named as in ``cruise.CL``.
+    # variables, measures, constraints: tables by name, in the order of the file. Measures are all that are used, also
+    # those without a table. Constraints of one condition are named as in ``cruise.CL``.
     variables: dict[str, Table]
     measures: dict[str, Table]
     flow: Table | None  # the flow, if there is one
-    # flight conditions by name, see `resolved_conditions`; none where the flow is at one condition, its own
+    # flight conditions by name, see `resolved_conditions`; empty if the flow itself is the only condition
     conditions: dict[str, Table]
     objective: Table
     constraints: dict[str, Table]
-    junction: Table | None  # where a wing slides on a body, if it does
+    junction: Table | None  # junction of a wing that slides on a body, if any
     movement: Table
     driver: Table
     output: Table
@@ -51,7 +51,7 @@ class Study:
 
     @property
     def inputs(self) -> dict[tuple[Any, ...], Path]:
-        """Files that it names, by the paths of their keys."""
+        """Its input files, by the paths of their keys."""
         names: dict[tuple[Any, ...], Any] = {("grid", key): self.grid[key] for key in ("file", "patches")}
         names |= {("variables", name, "file"): table.get("file") for name, table in self.variables.items()}
         for variable, table in self.variables.items():
@@ -60,7 +60,7 @@ class Study:
 
     @property
     def results(self) -> list[str]:
-        """Files that its script may write; page and picture as well, unless they are left out."""
+        """Files that its script may write, including page and picture unless they are left out."""
         page = ["report.html"] if self.output["report"] is not False else []
         picture = [PICTURE] if self.has_pressures and self.output["picture"] is not False else []
         written = [*map(self.written, _STATES), *self.cad_results.values()]
@@ -68,14 +68,14 @@ class Study:
 
     @property
     def has_pressures(self) -> bool:
-        """Whether the flow has pressures on the walls, which are drawn where these are a section."""
+        """Whether the flow has pressures on the walls, which are drawn if these are a section."""
         return self.flow is not None and self.flow["kind"] == "euler"
 
     @property
     def cad_results(self) -> dict[str, str]:
-        """CAD files that are written with the optimum, by those that walls are tied to.
+        """CAD files written with the optimum, by the files to which walls are tied.
 
-        There are none where other variables move the walls as well, or go to files, whose knots may be others.
+        Empty if other variables move the walls as well, or interpolate to files, whose knots may differ.
         """
         moving = [table for table in self.variables.values() if VARIABLES[table["kind"]].made_by]
         if any(table["kind"] != "cad_points" for table in moving):
@@ -85,7 +85,7 @@ class Study:
 
     @property
     def folders(self) -> list[str]:
-        """Folders that its script writes files to."""
+        """Folders into which its script writes files."""
         return [name.removesuffix(".vtm") for name in map(self.written, _STATES) if name.endswith(".vtm")]
 
     def written(self, when: str) -> str:
@@ -94,24 +94,24 @@ class Study:
 
     @property
     def evened(self) -> list[str]:
-        """Variables of which the driver sees combinations along which pressures change evenly."""
+        """Variables that the driver sees as combinations along which pressures change evenly."""
         names = self.driver["even_pressures"] or []
         return [names] if isinstance(names, str) else names
 
     @property
     def n_values(self) -> float:
-        """Number of the values of all variables; infinite where it takes the grid to know."""
+        """Number of the values of all variables; infinite if only the grid determines it."""
         return sum(count_values(table) for table in self.variables.values())
 
     @property
     def responses(self) -> list[str]:
-        """What objective and constraints are of, each once."""
+        """Responses of objective and constraints, each once."""
         asked = [self.objective["of"], *(table["of"] for table in self.constraints.values())]
         return list(dict.fromkeys(asked))
 
 
 def count_values(table: Table, n_alpha: int = 1) -> float:
-    """Number of the values of a variable; infinite where it takes the grid to know."""
+    """Number of the values of a variable; infinite if only the grid determines it."""
     n_axes = len(table.get("direction") or "")
     known = {"taper": 1, "rotation": 1, "alpha": n_alpha, "translation": n_axes, "hinge": 2 * n_axes}
     if table["kind"] == "cad_shapes":

@@ -1,6 +1,6 @@
-"""Python as trees: templates of ours, with values in the places of their names.
+"""Python as syntax trees: fixed templates, with values in place of their names.
 
-What a study says gets into a script as a value alone, through `literal`, and never as text that is parsed.
+Settings of a study enter a script only as values, through `literal`, and never as text that is parsed.
 """
 
 from __future__ import annotations
@@ -16,12 +16,7 @@ __all__ = ["call", "expression", "literal", "statement"]
 def literal(value: Any) -> ast.expr:
     r"""Tree of a value: a text, a number, a flag, None, or lists, tuples and tables of them; trees stay as they are.
 
-    Raises
-    ------
-    TypeError
-        If it is anything else.
-    ValueError
-        If a number is not finite.
+    Raises `TypeError` for anything else, and `ValueError` for numbers that are not finite.
 
     Examples
     --------
@@ -46,7 +41,7 @@ def literal(value: Any) -> ast.expr:
 
 
 def call(function: str, *arguments: Any, **settings: Any) -> ast.Call:
-    """Tree of a call of a function of ours, of trees and values."""
+    """Tree of a call of a fixed function, with trees and values as arguments."""
     made = expression(f"{function}()")
     if not isinstance(made, ast.Call):
         raise ValueError(f"{function} is no function")
@@ -59,7 +54,7 @@ def call(function: str, *arguments: Any, **settings: Any) -> ast.Call:
 
 
 def statement(template: str, **values: Any) -> ast.stmt:
-    r"""Tree of the one statement of a template, with trees and values in the places of names.
+    r"""Tree of the one statement of a template, with trees and values in place of names.
 
     Examples
     --------
@@ -76,7 +71,7 @@ def expression(template: str, **values: Any) -> ast.expr:
 
 
 class _Filled(ast.NodeTransformer):
-    """Puts values into the places of names."""
+    """Puts values in place of names."""
 
     def __init__(self, values: Mapping[str, Any]):
         self.values = values

@@ -17,26 +17,26 @@ from .toml_lines import key_lines, line_of
 __all__ = ["Table", "Tables"]
 
 Table = dict[str, Any]
-"""Values by key; what was left out is there with its default, or None."""
+"""Values by key; keys that were left out have their default, or None."""
 
 AnyTables = TypeVar("AnyTables", bound="Tables")
 
 MOST_BYTES = 2**20
-"""A longer file is none of these."""
+"""Largest size of a file."""
 
 MOST_TABLES = 100
-"""Tables of one kind at most."""
+"""Largest number of tables of one kind."""
 
 
 class Tables:
-    """What a file of tables has, a study as a rule, with the lines of its keys."""
+    """The tables of a file, usually a study, with the lines of its keys."""
 
     @classmethod
     def read(
         cls: type[AnyTables],
         path: Path,  # the file
         what: str,  # what it should be: "a study"
-        advice: str,  # what to do where it cannot be read
+        advice: str,  # what to do if it cannot be read
     ) -> AnyTables:
         """Read a file."""
         try:
@@ -52,7 +52,7 @@ class Tables:
     def __init__(
         self,
         path: Path,  # the file
-        text: str,  # what it holds
+        text: str,  # its contents
     ):
         self.path = path
         try:
@@ -65,7 +65,7 @@ class Tables:
         self.families: dict[str, list[str]] = {}  # patches by the name of their family
 
     def refuse(self, path: Sequence[str], complaint: str) -> InputError:
-        """Make the error that names file, line and key."""
+        """Make an error that names file, line and key."""
         line = line_of(self.lines, tuple(path))
         parts = [shortened(part) for part in path]
         what = "".join(f"[{'.'.join(parts[:-1])}] " if len(parts) > 1 else "") + (f"'{parts[-1]}' " if parts else "")
@@ -78,7 +78,7 @@ class Tables:
                 raise self.refuse((*path, name), f"is no {what}; {choices(name, allowed, f'the {what}s are')}")
 
     def table(self, name: str, keys: Mapping[str, Key], *sub: str) -> Table:
-        """Read one table: values by key, defaults where they are left out."""
+        """Read one table: values by key, defaults for keys that are left out."""
         path, found = (name, *sub), self.document
         for part in path:
             found = found.get(part, {})
@@ -87,7 +87,7 @@ class Tables:
         return self._values(found, keys, path)
 
     def array(self, name: str, keys: Mapping[str, Key]) -> list[Table]:
-        """Read an array of tables, in the manner of one."""
+        """Read an array of tables in the same way."""
         found = self.document.get(name, [])
         if not (isinstance(found, list) and found and all(isinstance(each, Mapping) for each in found)):
             raise self.refuse((name,), f"is no array of tables; write [[{name}]] and its keys below for each of them")
@@ -107,7 +107,7 @@ class Tables:
         return {key: self.members(value) if keys[key].kind is NAMES else value for key, value in values.items()}
 
     def members(self, patches: str | list[str] | None) -> str | list[str] | None:
-        """Patches, with those of families in the place of these."""
+        """Patches, with families replaced by their patches."""
         if patches is None or not self.families:
             return patches
         names = [patches] if isinstance(patches, str) else patches
@@ -129,7 +129,7 @@ class Tables:
         return list(tables)
 
     def kind(self, name: str, sub: str, kinds: Iterable[str]) -> str:
-        """Kind of a table: what its key says, or its name."""
+        """Kind of a table: by its key ``kind``, or its name."""
         kind = self.document[name][sub].get("kind", sub)
         if not isinstance(kind, str) or kind not in kinds:
             path = (name, sub, "kind") if "kind" in self.document[name][sub] else (name, sub)
@@ -140,7 +140,7 @@ class Tables:
 
 
 def _said(value: Any) -> str:
-    """A value in a message; whole numbers of more digits than Python writes out without them."""
+    """A value in a message, without whole numbers that have more digits than Python writes."""
     try:
         return repr(value)
     except ValueError:

@@ -1,4 +1,4 @@
-"""On which line of a TOML text each key stands: parsers do not keep that for what they have read."""
+"""Line numbers of the keys of a TOML text, which parsers do not keep."""
 
 from __future__ import annotations
 
@@ -18,18 +18,10 @@ Path = tuple[str, ...]
 
 
 def key_lines(text: str) -> dict[Path, int]:
-    r"""Find the lines of all tables and keys.
+    r"""Find the lines of all tables and keys of TOML without errors.
 
-    Parameters
-    ----------
-    text : str
-        TOML without errors.
-
-    Returns
-    -------
-    dict
-        Line, from 1, of every table and key by its path. In that of a table of an array its number, from 1, follows the
-        name of the array. Keys within inline tables are not among them.
+    Lines are from 1, by the path of each table and key; in arrays of tables the number of the table, from 1, follows
+    the name of the array. Keys within inline tables are not included.
 
     Examples
     --------
@@ -68,12 +60,12 @@ def key_lines(text: str) -> dict[Path, int]:
 
 
 def _key(token: str) -> str:
-    """Key as the parser has it, without quotes and escapes."""
+    """Key as the parser returns it, without quotes and escapes."""
     return next(iter(tomlkit.parse(f"{token} = 0").unwrap())) if token[0] in "\"'" else token
 
 
 def line_of(lines: dict[Path, int], path: Path) -> int | None:
-    """Return the line of a key, or that of what it is in; None where that is the file as a whole."""
+    """Return the line of a key, or else of its table; None for the file as a whole."""
     while path and path not in lines:
         path = path[:-1]
     return lines.get(path)

@@ -1,6 +1,6 @@
 """The kinds of design variables of a study, and their keys.
 
-To add one, add its line here, and what it makes to `script_shape`.
+To add one, add its line here, and its effect to `script_shape`.
 """
 
 from __future__ import annotations
@@ -89,12 +89,12 @@ _HINGE = {
 class VariableKind:
     """A kind of design variable."""
 
-    meaning: str  # what its values are
+    meaning: str  # its values
     keys: dict[str, Key]  # its keys besides bounds
-    made_by: str = ""  # class of `bspline_mdao.design` that it is an object of; empty for an input of the flow
-    units: str = ""  # units of its values, empty where they are numbers
-    neutral: float = 0.0  # value that leaves the baseline as it is
-    modes: Callable[[dict[str, Any]], int] | None = None  # number of its values for a section, of its keys
+    made_by: str = ""  # its class in `bspline_mdao.design`; empty for an input of the flow
+    units: str = ""  # units of its values, empty if they are numbers
+    neutral: float = 0.0  # value that leaves the baseline unchanged
+    modes: Callable[[dict[str, Any]], int] | None = None  # number of its values for a section, from its keys
 
     @property
     def all_keys(self) -> dict[str, Key]:
@@ -103,7 +103,7 @@ class VariableKind:
 
 
 def _n_places(places: int | list[float]) -> int:
-    """Number of places that are given, or how many there are to be."""
+    """Number of places: the length of the list, or the given number."""
     return places if isinstance(places, int) else len(places)
 
 

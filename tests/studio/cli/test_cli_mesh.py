@@ -123,7 +123,7 @@ def test_both_planes_of_a_mesh_of_two_dimensions_move_alike(workplace, capsys):
         assert run(["move", "plane.h5", "--deform", deform, "-o", "moved.su2", "--overwrite"]) == 0
     printed = "".join(capsys.readouterr())
     assert "smallest area (m^2)" in printed
-    assert "70 faces of the boundary are of no marker, and move along" in printed
+    assert "70 faces of the boundary have no marker, and move along" in printed
     crushed = ["move", "plane.h5", "--deform", "bumps=0.5", "-o", "moved.su2", "--overwrite"]
     fails_as_expected(crushed, capsys, r", 0), of area -")
 

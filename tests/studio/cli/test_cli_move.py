@@ -119,7 +119,7 @@ def test_a_move_that_changes_the_heights_of_first_cells_says_so(workplace, capsy
     assert (floor["patch"], floor["n_nodes"]) == ("floor", 128)
     assert floor["ratio_min"] < floor["ratio_median"] < 1.0
     table = " ".join("".join(capsys.readouterr()).split())
-    assert "heights of the first cells at walls, by those of the baseline" in table
+    assert "heights of the first cells at walls, relative to the baseline" in table
     assert ("the first cells at 'floor' are" in table) == (floor["n_off"] > 1)
     assert floor["n_off"] > 1
     assert run(move("--deform", "translate=0/0/0.001")) == 0

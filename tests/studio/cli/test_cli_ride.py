@@ -68,7 +68,7 @@ def test_a_mesh_of_two_dimensions_is_counted_as_its_file_is(workplace, capsys, s
     found, text = numbers("r.json"), capsys.readouterr().out
     n_cells = len(triangles) + len(quads)
     assert (found["n_nodes"], found["n_cells"], found["n_wall_nodes"]) == (len(points), n_cells, len(lines))
-    assert f"plane.{suffix}: {len(points):,} nodes, {n_cells:,} cells of two dimensions" in text
+    assert f"plane.{suffix}: {len(points):,} nodes, {n_cells:,} cells in two dimensions" in text
     assert f"walls: airfoil, {len(lines)} nodes, " in text
 
 
@@ -87,7 +87,7 @@ def test_a_node_of_two_dimensions_outside_the_grid_is_counted_and_numbered_as_in
 @pytest.mark.slow
 def test_ride_refuses_what_it_cannot_do_and_writes_nothing(workplace, capsys):
     start = ["ride", "wing.h5", "wing.su2"]
-    fails_as_expected([*start, "-o", "m.su2"], capsys, "give --deform or --to, one of them")
+    fails_as_expected([*start, "-o", "m.su2"], capsys, "give either --deform or --to")
     fails_as_expected([*start, "-o", "m.stl", *TWIST], capsys, "m.stl: is no unstructured mesh")
     fails_as_expected([*start, "-o", "wing.su2", *TWIST], capsys, "wing.su2: is read by this command")
     fails_as_expected([*start, "-o", "m.su2", *TWIST, "--wall", "tail"], capsys, "no marker is 'tail'")

@@ -413,7 +413,7 @@ def test_the_study_that_is_drafted_of_a_wing_runs(workplace, capsys):
 def test_a_body_that_is_no_wing_gets_a_study_of_its_shape(workplace, capsys):
     write_grid("ball.xyz", ball_grid((5, 5, 5, 5)))
     assert run(["init", "ball.xyz", "-o", "ball.toml"]) == 2
-    words = "ball.xyz: no patch is a wall, so that there is nothing to design; draft patches by 'bspline-mdao inspect"
+    words = "ball.xyz: no patch is a wall, so there is nothing to design; draft patches by 'bspline-mdao inspect"
     assert words in capsys.readouterr().err
     assert run(["inspect", "ball.xyz", "--draft", "patches.toml"]) == 0
     Path("studies").mkdir()

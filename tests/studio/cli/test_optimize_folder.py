@@ -369,7 +369,7 @@ def test_what_cannot_go_on_says_why_in_one_line(finished, workplace, capsys):
     }
     for words, (old, new) in changes.items():
         said = fails(capsys, study("changed.toml", old, new), "-o", "out", "--restart")
-        assert said.startswith(f"changed.toml: {words} in the run that out has cases of; undo that")
+        assert said.startswith(f"changed.toml: {words} in the run whose cases are in out; undo that")
     assert contents("out") == before
     bounds = study("bounds.toml", "upper = 1.4", "upper = 1.3\nref = 0.2")  # bounds may change
     assert run(["optimize", bounds, "-o", "out", "--restart", *SHORT]) == 0
@@ -384,7 +384,7 @@ def test_a_grid_that_has_changed_is_another_problem(workplace, capsys):
             Path("w.toml").write_text(LEAST_AREA.format(grid="wing.xyz", more='patches = "wing.toml"'))
             assert run(["optimize", "w.toml", "-o", "out", *SHORT]) == 0
     capsys.readouterr()
-    assert "w.toml: [grid] file is another one than in the run" in fails(capsys, "w.toml", "-o", "out", "--restart")
+    assert "w.toml: [grid] file is not the same as in the run" in fails(capsys, "w.toml", "-o", "out", "--restart")
 
 
 def test_cases_of_the_script_that_was_run_by_itself_go_on_and_are_not_dropped(done, capsys):

@@ -138,7 +138,7 @@ def test_a_folder_of_openfoam_is_optimised_and_another_one_does_not_go_on(workpl
     assert np.abs(after - before)[:, 2].max() > 0.005
     write_polymesh("case/polyMesh", brick_grid((4, 5, 4, 4)))
     arguments = ["optimize", "study.toml", "-o", "out", "--restart"]
-    fails_as_expected(arguments, capsys, "[grid] file is another one than in the run that out has cases of")
+    fails_as_expected(arguments, capsys, "[grid] file is not the same as in the run whose cases are in out")
 
 
 def test_a_run_that_cannot_write_its_mesh_does_not_begin(body, capsys):
@@ -163,10 +163,10 @@ MESH_STUDIES = {
     ),
     "corners": (
         "[constraints.corner_ks]\nlower = 0.1\n",
-        ("line 15: [constraints] 'corner_ks' is of 'corner_ks', which is of hexahedra", "volume_ks"),
+        ("line 15: [constraints] 'corner_ks' is of 'corner_ks', which needs hexahedra", "volume_ks"),
     ),
-    "movement": ('[movement]\nmover = "elasticity"\n', ("line 15: 'movement' is of grids of blocks; the lattice",)),
-    "format": ('[output]\ngrid = "cgns"\n', ("line 16: [output] 'grid' is of grids of blocks; a mesh is written",)),
+    "movement": ('[movement]\nmover = "elasticity"\n', ("line 15: 'movement' is for grids of blocks; the lattice",)),
+    "format": ('[output]\ngrid = "cgns"\n', ("line 16: [output] 'grid' is for grids of blocks; a mesh is written",)),
 }
 
 

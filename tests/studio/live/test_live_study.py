@@ -92,7 +92,7 @@ def test_the_study_is_written_with_the_values_of_the_moment(studied, study_file,
 
 def test_pulled_control_points_are_no_values_of_a_study(studied, tmp_path):
     shape = studied.at(studied.first.with_pull(5, (0.0, 0.002, 0.0)), with_lift=False)
-    with pytest.raises(InputError, match="are no variables"):
+    with pytest.raises(InputError, match="are not variables"):
         write_shape(tmp_path / "pulled.toml", studied, shape)
     assert list(tmp_path.iterdir()) == []
 
@@ -120,9 +120,7 @@ def test_many_values_get_no_sliders_and_stay_where_the_study_starts(study_file):
 def test_what_a_study_says_by_itself_is_refused_as_an_option(study_file):
     pytest.importorskip("trame.app", reason="trame is not installed")
     for given in ({"deform": ("bend=60deg",)}, {"design": ("wing",)}, {"slide": ("far",)}):
-        with pytest.raises(
-            InputError, match=f"a study says by itself what moves and how; leave out --{next(iter(given))}"
-        ):
+        with pytest.raises(InputError, match=f"a study defines what moves and how; leave out --{next(iter(given))}"):
             open_live(study_file, LiveOptions(**given))
 
 

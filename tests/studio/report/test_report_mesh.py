@@ -87,7 +87,7 @@ def test_a_mesh_has_a_page_of_its_own(tmp_path):
     mesh, lattice = body_model().mesh, body_model().lattice
     assert f"{mesh.n_points:,} nodes, {mesh.n_cells:,} cells, {lattice.n_control:,} control points" in page.text
     assert f"{mesh_quality(mesh).angles.max():.4g}" in page.text
-    for words in (*mesh.markers, "cells: tetra", "go where they are asked to", "stay in their plane"):
+    for words in (*mesh.markers, "cells: tetra", "move as prescribed", "stay in their plane"):
         assert words in page.text
     assert "edges are contracted" in page.text
     drawn = {trace["meta"]["layer"] for trace in page.charts["space"]["data"]}
@@ -165,7 +165,7 @@ def test_an_optimisation_on_a_mesh_is_shown_before_and_after(tmp_path):
     assert {"cells0", "cells1", "ratios"} <= set(page.charts)
     with h5py.File(tmp_path / "section.h5", "r+") as stored:
         stored.attrs["checksum"] = "another"
-    assert "is another model" in find_model(file, named_model(read_history(file).options))[1]
+    assert "is not the model" in find_model(file, named_model(read_history(file).options))[1]
 
 
 @pytest.mark.slow

@@ -101,7 +101,7 @@ def test_a_model_that_is_missing_or_changed_is_named(moved, run_folder):
     assert "--model" in line
     fit_grid(onera_m6_grid((5, 5, 6))).save(moved / "wing.h5")
     (line,) = not_shown(moved)
-    assert f"{moved / 'wing.h5'} is another model" in line
+    assert f"{moved / 'wing.h5'} is not the model" in line
 
 
 @pytest.mark.slow

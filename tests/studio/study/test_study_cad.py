@@ -96,7 +96,7 @@ def test_ways_to_other_files_have_a_value_each_and_leave_no_file_of_the_optimum(
     earlier = problem_of(study)
     assert study.variables["way"]["to"] == ["a.step", "b.igs"]
     (workplace / "b.igs").write_text("another")
-    with pytest.raises(InputError, match=r"\[variables.way\] to is another one than"):
+    with pytest.raises(InputError, match=r"\[variables.way\] to is not the same as"):
         check_same_problem(study, earlier, "here")
 
 

@@ -28,14 +28,14 @@ upper = 2.0
 )
 
 WRONG_CONDITIONS = {
-    "alpha = 4.0 -> alpha = 4.0\nCL_target = 0.3": r"line 27: \[conditions.climb\] 'alpha' is solved for where",
+    "alpha = 4.0 -> alpha = 4.0\nCL_target = 0.3": r"line 27: \[conditions.climb\] 'alpha' is solved for if",
     "alpha = 4.0 -> aplha = 4.0": r"line 27: \[conditions.climb\] 'aplha' is no key; did you mean 'alpha'\?",
     "weight = 2 -> weight = -2": "line 24: .* 'weight' is -2; give 0 or a positive number",
     "alpha = 4.0 -> alpha = 4.0\n[conditions.twist]": r"line 28: \[conditions\] 'twist' is the name of a variable or",
-    "alpha = 4.0 -> alpha = 4.0\n[conditions.grid]": r"line 28: \[conditions\] 'grid' is a name that something else",
+    "alpha = 4.0 -> alpha = 4.0\n[conditions.grid]": r"line 28: \[conditions\] 'grid' is a name already in use",
     "[constraints.cruise.CM_bending] -> [constraints.criuse.CM_bending]": r"line 29: \[constraints\] 'criuse' is no "
     "condition; did you mean 'cruise'\\? the conditions are cruise, climb",
-    "[constraints.cruise.CM_bending] -> [constraints.cruise]": r"line 30: \[constraints.cruise\] 'upper' is of no "
+    "[constraints.cruise.CM_bending] -> [constraints.cruise]": r"line 30: \[constraints.cruise\] 'upper' names no "
     r"response; write \[constraints.cruise.CL\]",
     "cruise.CM_bending] -> cruise.CM_bendin]": r"line 29: \[constraints.cruise\] 'CM_bendin' is of 'CM_bendin', ",
     "climb.CL / cruise.CL -> clmb.CL / cruise.CL": r"line 33: .* there is no 'clmb.CL': 'clmb' is no condition",
@@ -61,15 +61,13 @@ def test_what_is_wrong_with_conditions_is_named_with_its_line(tmp_path, edit):
 
 def test_conditions_need_a_flow_weights_and_a_lift_where_they_are_trimmed(tmp_path):
     alone = CONDITIONS.replace('[flow]\nkind = "euler"', "").replace("equals = 0.22", "equals = 0.22\nof = 'volume'")
-    with pytest.raises(InputError, match=r"'conditions' are those of a flow, and there is none; add \[flow\]"):
+    with pytest.raises(InputError, match=r"'conditions' need a flow, and there is none; add \[flow\]"):
         study_of(tmp_path, alone)
     idle = CONDITIONS.replace("weight = 2", "weight = 0").replace("alpha = 4.0", "weight = 0")
     with pytest.raises(InputError, match="line 21: 'conditions' have no weight above 0, and"):
         study_of(tmp_path, idle)
     trimmed = CONDITIONS.replace('"euler"', '"euler"\ntrim = true').replace("alpha = 4.0", "weight = 0")
-    with pytest.raises(
-        InputError, match=r"line 27: \[conditions\] 'climb' needs the lift that is wanted; give CL_target"
-    ):
+    with pytest.raises(InputError, match=r"line 27: \[conditions\] 'climb' needs a target lift; give CL_target"):
         study_of(tmp_path, trimmed)
     with pytest.raises(InputError, match=r"'cruise' is no condition; add \[conditions.cruise\]"):
         study_of(tmp_path, STUDY.replace("[constraints.CL]", "[constraints.cruise.CL]"))

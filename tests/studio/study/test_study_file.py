@@ -74,19 +74,19 @@ WRONG = {
     "upper = 6.0 -> upper = [1.0, 2.0]": "line 7: [variables.twist] 'upper' has 2 numbers; give one number, or 3",
     "upper = 6.0 -> upper = 6.0\nvalues = [4]": "line 8: [variables.twist] 'values' is [4]; there are 3 stations",
     "upper = 6.0 -> ": "line 4: [variables] 'twist' has no key 'upper' (upper bound); give a number up to 1e20",
-    'file = "@onera_m6" -> file = "m6.xyz"': "line 2: [grid] 'file' names 'm6.xyz', and there is no such file beside",
+    'file = "@onera_m6" -> file = "m6.xyz"': "line 2: [grid] 'file' names 'm6.xyz', and there is no such file next to",
     'file = "@onera_m6" -> order = 4': "line 1: 'grid' has no key 'file' (PLOT3D or CGNS file,",
     'kind = "lattice" -> kind = "rans"': "line 10: [flow] 'kind' is 'rans'; the flows are lattice, euler",
     'kind = "lattice" -> kind = "lattice"\nmach = 0.3': "line 11: [flow] 'mach' is no key; did you mean",
-    'kind = "lattice" -> kind = "euler"\ntrim = true': "line 11: [flow] 'trim' needs the lift that is wanted; give CL_",
-    'of = "CD_induced" -> of = "CD_indcued"': "line 13: [objective] 'of' is of 'CD_indcued', which there is not; "
+    'kind = "lattice" -> kind = "euler"\ntrim = true': "line 11: [flow] 'trim' needs a target lift; give CL_",
+    'of = "CD_induced" -> of = "CD_indcued"': "line 13: [objective] 'of' is of 'CD_indcued', which does not exist; "
     "did you mean 'CD_induced'? there are CL,",
-    'of = "CD_induced" -> of = "CD_entropy"': "line 13: [objective] 'of' is of 'CD_entropy', which there is not "
+    'of = "CD_induced" -> of = "CD_entropy"': "line 13: [objective] 'of' is of 'CD_entropy', which does not exist "
     'without another flow; take kind = "euler"',
     'of = "CD_induced" -> of = "CD_induced + thickness"': "line 13: [objective] 'of' is of 'thickness', which is ",
     'of = "CD_induced" -> of = "sin(CD)"': "line 13: [objective] 'of' is of 'sin(CD)'|is 'sin(CD)'",
     "equals = 0.22 -> equals = 0.22\nlower = 0.1": "line 15: [constraints] 'CL' has to have lower or upper or both, or",
-    "[constraints.CL] -> [constraints.CLL]": "line 15: [constraints] 'CLL' is of 'CLL', which there is not; did you",
+    "[constraints.CL] -> [constraints.CLL]": "line 15: [constraints] 'CLL' is of 'CLL', which does not exist; did you",
     "max_iterations = 20 -> max_iterations = 0": "line 19: [driver] 'max_iterations' is 0; give a whole number",
     'max_iterations = 20 -> optimizer = "SLQSP"': "line 19: [driver] 'optimizer' is 'SLQSP', which is none; did you "
     "mean 'SLSQP'? those of SciPy are SLSQP, trust-constr",
@@ -109,7 +109,7 @@ def test_what_is_wrong_is_named_with_its_line(tmp_path, edit):
 
 
 def test_names_that_something_else_has_are_refused(tmp_path):
-    for name, words in {"grid": "is a name that something else has", "CL": "is a name that something else has"}.items():
+    for name, words in {"grid": "is a name already in use", "CL": "is a name already in use"}.items():
         with pytest.raises(InputError, match=rf"line 4: \[variables\] '{name}' {words}"):
             study_of(tmp_path, STUDY.replace("[variables.twist]", f'[variables.{name}]\nkind = "twist"'))
     taken = STUDY.replace("[variables.twist]", "[variables.thickness]") + "[constraints.thickness]\nlower = 0.8\n"
@@ -199,7 +199,7 @@ def test_the_grid_that_is_written_keeps_patches_that_slide_on_their_surfaces(tmp
 
 @pytest.mark.parametrize("setting", ["increments = 3", "poisson_ratio = 0.1"])
 def test_settings_of_elasticity_want_elasticity(tmp_path, setting):
-    with pytest.raises(InputError, match=r"\[movement\] '.*' is of elasticity; add mover = \"elasticity\", or leave"):
+    with pytest.raises(InputError, match=r"\[movement\] '.*' is for elasticity; add mover = \"elasticity\", or leave"):
         study_of(tmp_path, f"{STUDY}\n[movement]\n{setting}\n")
 
 

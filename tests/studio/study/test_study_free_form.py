@@ -111,7 +111,7 @@ def test_what_is_wrong_with_a_box_is_named(workplace, edit):
 
 
 def test_points_of_a_lattice_around_a_mesh_are_none_of_a_grid_of_blocks(workplace):
-    with pytest.raises(InputError, match=r"line 11: \[variables\] 'free_lattice' is of the lattice around an un"):
+    with pytest.raises(InputError, match=r"line 11: \[variables\] 'free_lattice' is for the lattice around an un"):
         study_of(workplace, f"{HEAD}[variables.free_lattice]\nlower = -0.1\nupper = 0.1\n")
 
 
@@ -120,7 +120,7 @@ def test_another_box_in_the_file_poses_another_problem(workplace):
     earlier = problem_of(study)
     check_same_problem(study, earlier, "out")
     written_box(workplace / "wing.xyz", np.moveaxis(np.indices((2, 2, 2)), 0, -1).astype(float))
-    with pytest.raises(InputError, match=r"\[variables.wing\] file is another one than in the run that out has"):
+    with pytest.raises(InputError, match=r"\[variables.wing\] file is not the same as in the run whose cases are in"):
         check_same_problem(study, earlier, "out")
 
 

@@ -86,8 +86,8 @@ def check_tree(script):
 
 DOCSTRING = """The optimisation that a study stands for.
 
-Written and run by ``bspline-mdao optimize``: the results beside it are those of this script, which writes them anew
-when it is run again. Go on from here where a study ends."""
+Written and run by ``bspline-mdao optimize``: the results next to it come from this script, which writes them again
+when it is run again. Continue here where a study ends."""
 IMPORTS = {
     *("from pathlib import Path", "import numpy as np", "import openmdao.api as om", "import bspline_mdao as bm"),
     "from bspline_mdao.parallel import together, world",

@@ -161,7 +161,7 @@ def test_a_driver_sees_combinations_along_which_pressures_change_evenly_and_boun
             'optimizer = "SLSQP" -> optimizer = "L-BFGS-B"',
             "L-BFGS-B, which takes no constraints; take SLSQP or LD_SLSQP",
         ),
-        ('kind = "euler" -> kind = "lattice"', "is of pressures of Euler flow at one condition; leave it out"),
+        ('kind = "euler" -> kind = "lattice"', "needs pressures of Euler flow at one condition; leave it out"),
     ],
 )
 def test_combinations_that_cannot_be_are_refused(workplace, edit, complaint):
