@@ -102,7 +102,7 @@ def run_solver(
 
 def disk_full(program: str, case: Path, error: OSError) -> SolverError:
     """Return the error of a file of a case that cannot be written or read."""
-    what = "free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "see to the folder"
+    what = "free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "check the folder"
     return SolverError(f"{program} in {case}: {error.strerror or error} ({error.filename or case}); {what}")
 
 
@@ -146,8 +146,8 @@ def _reason(
     if said is not None:
         return said
     if status in (-signal.SIGFPE, 128 + signal.SIGFPE):
-        return "the flow diverged; take a smaller step, or see to the mesh and the relaxation"
+        return "the flow diverged; take a smaller step, or check the mesh and the relaxation"
     if status < 0:
         name = signal.Signals(-status).name
-        return f"was ended by {name}, by somebody or for want of memory; run it again, with more memory perhaps"
-    return f"ended with status {status}; see to the case or the mesh"
+        return f"was ended by {name}, by a user or for lack of memory; run it again, perhaps with more memory"
+    return f"ended with status {status}; check the case or the mesh"

@@ -119,7 +119,7 @@ def test_a_grid_that_is_moved_before_the_coupling_is_refused():
 
 
 def test_loads_without_a_dynamic_pressure_are_refused():
-    with pytest.raises(InputError, match="dynamic_pressure is nan; give that of the free stream"):
+    with pytest.raises(InputError, match="dynamic_pressure is nan; give the free stream's"):
         flown(euler())
 
 

@@ -99,7 +99,7 @@ def test_the_flow_hands_out_forces_in_newtons():
 
 
 def test_forces_without_a_dynamic_pressure_are_refused():
-    with pytest.raises(InputError, match="dynamic_pressure is nan; give that of the free stream") as error:
+    with pytest.raises(InputError, match="dynamic_pressure is nan; give the free stream's") as error:
         problem(SurfaceGrid.of(wing()))
     assert "\n" not in str(error.value)
 

@@ -53,8 +53,8 @@ def test_a_mach_number_out_of_the_comparisons_is_said_once_in_a_line(section, ma
     assert said(problem, known.highest) == []
     (line,) = said(problem, out)
     assert line == (
-        f"flow: Mach_number is {out}; results were compared with others from {known.lowest:g} to {known.highest:g} "
-        f"alone, see Validation in the documentation"
+        f"flow: Mach_number is {out}; results were compared with others only from {known.lowest:g} to "
+        f"{known.highest:g}, see Validation in the documentation"
     )
     assert said(problem, out + 0.01) == []  # not in every run
     problem.setup()

@@ -73,7 +73,7 @@ def test_what_openfoam_stops_with_is_said_in_the_first_line(tmp_path):
     with pytest.raises(SolverError) as error:
         run_program("rhoSimpleFoam", tmp_path)
     first, *others = str(error.value).splitlines()
-    assert re.match(r"rhoSimpleFoam in .*: cannot find file .*controlDict.*; see to the case", first)
+    assert re.match(r"rhoSimpleFoam in .*: cannot find file .*controlDict.*; check the case", first)
     assert others[0] == f"The end of {tmp_path / 'log.rhoSimpleFoam'}:"
     assert others[-1].strip() == "FOAM exiting"
 

@@ -24,11 +24,11 @@ echo FOAM exiting
 exit 1"""
 
 FAILURES = {
-    "an error of OpenFOAM": (FATAL, "Maximum number of iterations exceeded; see to the case", "FOAM exiting"),
+    "an error of OpenFOAM": (FATAL, "Maximum number of iterations exceeded; check the case", "FOAM exiting"),
     "a number that overflows": ("echo 'Time = 7'; kill -FPE $$", "the flow diverged; take a smaller step", "Time = 7"),
     "a core dump of a shell": ("echo 'Time = 7'; exit 136", "the flow diverged; take a smaller step", "Time = 7"),
-    "somebody's kill": ("echo 'Time = 7'; kill -KILL $$", "was ended by SIGKILL, by somebody or for want", "Time = 7"),
-    "a status": ("echo odd; exit 3", "ended with status 3; see to the case", "odd"),
+    "somebody's kill": ("echo 'Time = 7'; kill -KILL $$", "was ended by SIGKILL, by a user or for lack", "Time = 7"),
+    "a status": ("echo odd; exit 3", "ended with status 3; check the case", "odd"),
     "a full disk": ("echo 'cat: No space left on device'; exit 1", "the disk is full; free some space", "device"),
 }
 
@@ -164,5 +164,5 @@ def test_a_run_starts_from_the_cells_of_the_last_solution_with_its_own_boundary_
 
 
 def test_what_wrote_no_fields_is_said(tmp_path):
-    with pytest.raises(SolverError, match="no fields were written; see to the logs"):
+    with pytest.raises(SolverError, match="no fields were written; check the logs"):
         CaseFolder(tmp_path).keep_solution("case A")

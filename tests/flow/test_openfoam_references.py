@@ -54,7 +54,7 @@ def test_the_area_of_both_halves_of_a_wing_and_one_in_square_millimetres_are_dou
 @pytest.mark.slow
 def test_axes_in_another_order_are_doubted_by_what_is_seen_and_by_the_plane_that_the_stream_crosses(meshes):
     found = "\n".join(doubts(meshes["wing"], planform(meshes["wing"]), "xyz"))
-    assert "see to the order of the axes" in found
+    assert "check the order of the axes" in found
     found = "\n".join(doubts(meshes["wing"], planform(meshes["wing"]), "zxy"))
     assert "the stream crosses the plane of symmetry 'symmetry' at 87 degrees" in found
 

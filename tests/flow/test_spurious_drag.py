@@ -128,7 +128,7 @@ def test_drag_of_shocks_is_no_reason_for_a_warning(monkeypatch):
 
 def test_induced_drag_below_that_of_the_ellipse_is_told_and_what_rounding_leaves_is_not():
     with pytest.warns(
-        SpuriousDragWarning, match=r"cruise: CD_induced is 0\.004048, 0\.11 % below that of an elliptical"
+        SpuriousDragWarning, match=r"cruise: CD_induced is 0\.004048, 0\.11 % below the drag of an elliptical"
     ):
         warn_below_the_ellipse("cruise", 0.0040483, 0.0040529)
     with warnings.catch_warnings():

@@ -186,7 +186,7 @@ def test_forces_without_one_of_the_walls_are_refused(tmp_path, stand_in, monkeyp
     problem.setup()
     force = type(problem.model.flow._pressures).force
     monkeypatch.setattr(type(problem.model.flow._pressures), "force", lambda *given: 1.1 * force(*given))
-    with pytest.raises(InputError, match=r"by its pressures on the walls; see to MARKER_MONITORING, to"):
+    with pytest.raises(InputError, match=r"by its pressures on the walls; check MARKER_MONITORING, to"):
         problem.run_model()
 
 
@@ -204,9 +204,9 @@ exit 1
             ERROR,
             r"SU2 has diverged \(NaN detected\); take a smaller step, or a smaller CFL_NUMBER\nThe end of .*SU2_CFD:",
         ),
-        ("echo all well; kill -KILL $$", "was ended by SIGKILL, by somebody or for want of memory"),
+        ("echo all well; kill -KILL $$", "was ended by SIGKILL, by a user or for lack of memory"),
         ("sleep 30", "stopped at its time limit of 0.3 s"),
-        ("exit 0", r"history.csv: was not written \(No such file or directory\); look at the log"),
+        ("exit 0", r"history.csv: was not written \(No such file or directory\); check the log"),
         (
             "echo; echo 'Maximum number of iterations reached (ITER = 7) before convergence.'",
             "not converged in 7 iterations; raise ITER, CFL_NUMBER",

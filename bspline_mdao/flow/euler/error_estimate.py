@@ -37,7 +37,7 @@ class ErrorEstimate(OneLine):
 
     value: float  # on the grid
     finer: float  # estimate for the finer member
-    factor: float  # cells per direction of the finer member, divided by those of the grid
+    factor: float  # cells per direction of the finer member, relative to the grid
     # (n_cells,), contributions of the residuals in the cells of the grid to the difference of both
     contributions: np.ndarray
     # Error bound of the estimate itself: the adjoint correction of the value on the finer member, and the change due to
@@ -68,7 +68,7 @@ class FinerMember:
     forces: FlowForces  # on it
     nodes: NodeTransfer  # of nodes to the finer member
     cells: CellTransfer  # of cells
-    factor: float  # cells per direction, relative to those of the grid
+    factor: float  # cells per direction, relative to the grid
     # tuple of two ndarray, each of shape (n, 3), nodes of the baseline, of the grid and of the finer member (m)
     baselines: tuple[np.ndarray, np.ndarray]
 
@@ -80,7 +80,7 @@ class FinerMember:
         topology: Topology,  # connections of its blocks
         nodes: np.ndarray,  # (n_nodes, 3), its nodes (m)
         axes: str,  # see `FlowGrid.of`
-        factor: float,  # cells per direction of the finer member, relative to those of the grid; above 1
+        factor: float,  # cells per direction of the finer member, relative to the grid; above 1
         # tuple of two ndarray, each of shape (n, 3), nodes of the baseline (m), and of its finer member; displacements
         # from them are interpolated
         baselines: tuple[np.ndarray, np.ndarray],

@@ -32,7 +32,7 @@ def field_values(
     """Compute the fields of states."""
     # Returns by name: ``Cp``; ``Mach``; ``velocity``, shape (n, 3), relative to the speed of the free stream;
     # ``density``, relative to the free stream; ``entropy`` above the free stream, divided by the specific heat at
-    # constant volume; ``total_pressure_loss``, the loss of total pressure relative to that of the free stream. The last
+    # constant volume; ``total_pressure_loss``, the loss of total pressure relative to the free stream's. The last
     # two are zero in flow without shocks and without errors.
     pressure, local = GAMMA * states[:, 4], mach_numbers(states)
     total = pressure * _total(local) / _total(mach)

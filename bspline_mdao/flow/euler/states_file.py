@@ -111,7 +111,7 @@ def read_states(
     path: str | os.PathLike,  # file that `StatesFile.save` made
     topology: Topology,  # topology of the grid
 ) -> tuple[np.ndarray, float]:  # states: (n_cells, 5), states of all cells; alpha: their angle of attack (deg)
-    """Read states for a grid: its own, or those of another member of its family, interpolated in index space."""
+    """Read states for a grid: its own, or interpolated in index space from another member of its family."""
     file = StatesFile.load(path)
     if file.shapes == tuple(map(tuple, topology.shapes)):
         return file.states, file.alpha

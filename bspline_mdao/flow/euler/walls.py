@@ -86,7 +86,7 @@ class Walls:
         return owned
 
     def gather(self, values: np.ndarray) -> np.ndarray:
-        """Values on all wall faces, shape (n_wall,), from those of this process, shape (n_own,)."""
+        """Values on all wall faces, shape (n_wall,), from the faces of this process, shape (n_own,)."""
         if self.rows is None:
             return values
         on_walls = np.zeros(len(self.corners), values.dtype)

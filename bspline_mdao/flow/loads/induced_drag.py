@@ -45,7 +45,7 @@ _FINE = 64
 class InducedDrag:
     """Span load and induced drag as functions of forces, nodes and angle of attack. Make it by `of` or `of_vortices`.
 
-    ``loads``, shape (m, n), are the weights of the loads of the n ``strips`` of the wing in those of the wake.
+    ``loads``, shape (m, n), are the weights of the loads of the n ``strips`` of the wing in the loads of the wake.
     ``points``, shape (m + 1, n + 1), are the weights of the points of the trailing edge in the origins of the wake's
     vortices. ``places``, shape (m,), are the points of the downwash, see `Wake`.
     """
@@ -76,7 +76,7 @@ class InducedDrag:
 
     @classmethod
     def of_vortices(cls, strips: SpanStrips) -> InducedDrag:
-        """Use the strips as those of the wake: exact if the loads come from vortices between just these strips."""
+        """Use the strips as strips of the wake: exact if the loads come from vortices between just these strips."""
         n = strips.n_strips
         return cls(strips, np.eye(n), np.eye(n + 1), np.full(n, 0.5))
 

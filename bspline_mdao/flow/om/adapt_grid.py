@@ -125,6 +125,6 @@ def _check(names: list[str], limits: Mapping[str, float] | None, rounds: int, it
         if number < 1:
             raise InputError(f"adapt: {what} is {number}; give 1 or more")
     if flow.get("reference_area") is None:
-        raise InputError("adapt: there is no reference_area; give that of what the grid shows, such as 1.0")
+        raise InputError("adapt: there is no reference_area; give the area of the modelled part, such as 1.0")
     if flow.get("trim"):
-        raise InputError("adapt: the angle of attack is kept; leave trim out and give alpha as the trimmed flow has it")
+        raise InputError("adapt: the angle of attack is kept; leave trim out and give alpha of the trimmed flow")

@@ -299,14 +299,12 @@ class EulerFlow(Copied, om.Group):
         part, partition = part_of_model(self), self.options["partition"]
         assert isinstance(part, Model)  # the option accepts nothing else
         if isinstance(partition, Subdomain):
-            raise InputError(
-                f"{self.msginfo}: a Subdomain does not know which cells others have; give the Partition that it is of"
-            )
+            raise InputError(f"{self.msginfo}: a Subdomain does not know which cells others have; give its Partition")
         partition = partition or Partition.of(part.topology, self.comm.size)
         if not part.fits(partition.subdomain(self.comm.rank)):
             raise InputError(
-                f"{self.msginfo}: the model is of another subdomain than those of Partition.of(model.topology, "
-                f"{self.comm.size}); give the partition that it is of"
+                f"{self.msginfo}: the model belongs to another subdomain than in Partition.of(model.topology, "
+                f"{self.comm.size}); give its partition"
             )
         return partition, part.local_nodes()
 

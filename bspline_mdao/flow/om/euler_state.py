@@ -97,7 +97,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         Largest number of Newton steps.
     iprint : int
         0 and below for no output, 1 for a line per solution, 2 for one per Newton step as well. ``set_solver_print`` of
-        a problem or a group sets it like those of solvers.
+        a problem or a group sets it as for solvers.
     anchored : bool
         Whether every run starts from the solution of the last derivatives instead of the last run. If a design has
         several flows, small steps of an optimiser then stay with the flow of the point they start from.
@@ -292,8 +292,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         residual = relative_residual(self._scheme(inputs), states, *self._at(inputs))
         if not residual <= LARGEST_RESIDUAL:
             raise om.AnalysisError(
-                f"{self.msginfo}: no derivatives at a residual of {residual:.1e} relative to that of the uniform "
-                f"stream; run the model first, to {LARGEST_RESIDUAL:g}"
+                f"{self.msginfo}: no derivatives at a residual of {residual:.1e} relative to the uniform "
+                f"stream's; run the model first, to {LARGEST_RESIDUAL:g}"
             )
         return self._tangent_at(inputs, outputs)
 
@@ -481,6 +481,6 @@ def _complaint(solution: FlowSolution) -> str:
     """Describe a solution that did not converge."""
     residuals = " ".join(f"{step.residual:.1e}" for step in solution.history[-8:])
     return (
-        f"the flow did not converge: residual {solution.residual:.1e}, relative to that of the uniform stream, after "
+        f"the flow did not converge: residual {solution.residual:.1e}, relative to the uniform stream's, after "
         f"{len(solution.history) - 1} steps (the last: {residuals})"
     )

@@ -86,7 +86,7 @@ class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
         pressure = inputs["dynamic_pressure"][0]
         if not 0.0 < pressure.real < np.inf:
             raise InputError(
-                f"{self.msginfo}: dynamic_pressure is {pressure}; give that of the free stream, a positive number of Pa"
+                f"{self.msginfo}: dynamic_pressure is {pressure}; give the free stream's, a positive number of Pa"
             )
         outputs["wall_forces"] = self._forces.evaluate(*self._at(inputs)).ravel()
 

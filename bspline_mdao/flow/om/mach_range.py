@@ -27,8 +27,8 @@ class MachRange(NamedTuple):
         if self.lowest <= mach <= self.highest:
             return ""
         return (
-            f"Mach_number is {mach:g}; results were compared with others from {self.lowest:g} to {self.highest:g} "
-            f"alone, see Validation in the documentation"
+            f"Mach_number is {mach:g}; results were compared with others only from {self.lowest:g} to "
+            f"{self.highest:g}, see Validation in the documentation"
         )
 
 

@@ -218,7 +218,7 @@ class OpenFoamFlow(Copied, om.ExplicitComponent):
         others = [name for name in d_outputs if name.split(".")[-1] not in ("CL", "CD", "CM")]
         if mode == "fwd" or any(d_outputs[name].any() for name in others):
             raise InputError(
-                f"{self.msginfo}: the adjoint has derivatives of CL, CD and CM in reverse mode alone; set up the "
+                f"{self.msginfo}: the adjoint has derivatives of CL, CD and CM in reverse mode only; set up the "
                 f"problem with mode='rev', and take no derivatives of other outputs"
             )
         nodes, alpha, speed = (np.array(inputs[name]) for name in (GRID, "alpha", self._speed))

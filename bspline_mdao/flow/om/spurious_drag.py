@@ -79,8 +79,8 @@ def warn_below_the_ellipse(path: str, induced: float, least: float) -> None:
     """Warn if the induced drag is less than the best load's for its lift: the grid does not resolve it."""
     if induced < (1.0 - ROUNDED) * least:
         warnings.warn(
-            f"{path}: CD_induced is {induced:.6f}, {100.0 * (1.0 - induced / least):.2f} % below that of an elliptical "
-            f"load, {least:.6f}, which no wing with this wake can have: the grid does not resolve what was gained. "
+            f"{path}: CD_induced is {induced:.6f}, {100.0 * (1.0 - induced / least):.2f} % below the drag of an "
+            f"elliptical load, {least:.6f}, which no wing with this wake can have: the grid does not resolve the gain. "
             f"Take fewer or smoother variables, such as three stations of twist, or a finer member of the grid, "
             f"model.member(1.5)",
             SpuriousDragWarning,

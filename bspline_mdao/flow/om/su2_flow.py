@@ -156,7 +156,7 @@ class Su2Flow(Copied, om.ExplicitComponent):
         self.options.declare("needs_convergence", types=bool, default=True, desc="the last iteration is a failure")
         self.options.declare("warm_start", types=bool, default=True, desc="start from the last flow in the folder")
         self.options.declare("program", types=str, default="SU2_CFD", desc="name of the solver")
-        self.options.declare("adjoint_program", types=str, default="SU2_CFD_AD", desc="name of that of the adjoint")
+        self.options.declare("adjoint_program", types=str, default="SU2_CFD_AD", desc="name of the adjoint solver")
 
     def setup(self) -> None:
         """Take the mesh, check the configuration, and declare the variables."""

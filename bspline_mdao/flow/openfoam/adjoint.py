@@ -247,7 +247,7 @@ class AdjointRun(OneLine):
         gradient = WrittenField.read(folder.last, "pointSensVecadjointESI").internal(n_points)
         by_velocity = self._by_velocity(folder)
         if not (np.isfinite(gradient).all() and np.isfinite(by_velocity).all()):
-            raise SolverError(f"{PROGRAM} in {folder.path}: derivatives are not finite; see to the mesh")
+            raise SolverError(f"{PROGRAM} in {folder.path}: derivatives are not finite; check the mesh")
         return AdjointSolution(values[-1], gradient, by_velocity, ended["primal"], ended["adjoint"] - ended["primal"])
 
     def _by_velocity(self, folder: CaseFolder) -> np.ndarray:

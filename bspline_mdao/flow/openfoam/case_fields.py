@@ -59,7 +59,7 @@ class WrittenField:
         entry = self._entries.get(name)
         if entry is None:
             raise SolverError(
-                f"{self.path}: has no values on patch {name}: it is not whole, or of another mesh; see to the disk"
+                f"{self.path}: has no values on patch {name}: it is not whole, or of another mesh; check the disk"
             )
         found = _ON_PATCH.search(entry)
         if found:
@@ -73,7 +73,7 @@ class WrittenField:
     def _internal(self) -> re.Match[str]:
         found = _INTERNAL.search(self.text)
         if found is None:
-            raise SolverError(f"{self.path}: is not whole, or not in ASCII; see to the disk and to writeFormat")
+            raise SolverError(f"{self.path}: is not whole, or not in ASCII; check the disk and to writeFormat")
         return found
 
     @property
@@ -91,7 +91,7 @@ class WrittenField:
             return np.broadcast_to(numbers if "(" in words else numbers[0], (n, 3) if "(" in words else (n,))
         n_parts = 3 if "(" in words[1:] else 1
         if int(found["n"]) != n or len(numbers) != n_parts * n:
-            raise SolverError(f"{self.path}: has {found['n']} values for {n} cells or faces; see to the disk")
+            raise SolverError(f"{self.path}: has {found['n']} values for {n} cells or faces; check the disk")
         return numbers.reshape(n, 3) if n_parts == 3 else numbers
 
 

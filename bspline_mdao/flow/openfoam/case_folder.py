@@ -85,7 +85,7 @@ class CaseFolder:
     def last(self) -> Path:
         """Folder of the last time."""
         if not self.times:
-            raise SolverError(f"{self.path}: no fields were written; see to the logs there")
+            raise SolverError(f"{self.path}: no fields were written; check the logs there")
         return self.times[-1]
 
     def remove_times(self, but: Iterable[Path] = ()) -> None:
@@ -110,7 +110,7 @@ class CaseFolder:
     def start_from_solution(self, made_for: str) -> bool:
         """Put the last solution's cell values into the fields of time 0; False if there is no usable one.
 
-        Boundary conditions stay those of time 0. Fluxes are computed again, since the mesh may have moved.
+        Boundary conditions stay as at time 0. Fluxes are computed again, since the mesh may have moved.
         """
         solution = self.path / SOLUTION
         if not (solution / MADE_FOR).is_file() or (solution / MADE_FOR).read_text() != made_for:

@@ -60,7 +60,7 @@ class CaseMesh(OneLine):
         if path.name == POLYMESH and path.is_dir():
             folder = read_polymesh(path)
             if np.shape(folder.mesh.points) != np.shape(model.mesh.points):
-                raise InputError(f"{path}: is another mesh than that of the model; fit it again")
+                raise InputError(f"{path}: is not the mesh of the model; fit it again")
             kinds = (BoundaryFaces(name, model.kinds.get(name), 0, 0) for name in folder.mesh.markers or {})
             return cls(folder, model.mesh, tuple(kinds), model.mesh.points)
         faces = polymesh_of(model.mesh, model.kinds)

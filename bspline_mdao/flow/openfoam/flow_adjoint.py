@@ -40,7 +40,7 @@ class FlowAdjoint(OneLine):
         """Take other boundaries around the body as far field; `InputError` if OpenFOAM has no adjoint of the flow."""
         if flow.case.speed_name != "speed" or not flow.case.is_viscous:
             raise InputError(
-                f"{flow.case.program}: OpenFOAM's adjoint is of incompressible flows with friction alone; take a case "
+                f"{flow.case.program}: OpenFOAM's adjoint is for incompressible viscous flows only; take a case "
                 f"of simpleFoam, or differences"
             )
         mesh = flow.mesh

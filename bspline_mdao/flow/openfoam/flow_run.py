@@ -127,7 +127,7 @@ class CaseFlow(OneLine):
             return found
         raise SolverError(
             f"{self.case.program} in {self.folder.path}: not converged after {found.n_iterations} iterations, last "
-            f"residuals {found.last}; give it more iterations, a larger tolerance, or see to the mesh"
+            f"residuals {found.last}; give it more iterations, a larger tolerance, or check the mesh"
         )
 
     def _y_plus(self, walls: CaseWalls, last: Path) -> tuple[float, float]:

@@ -3,8 +3,8 @@
 The case is steady, compressible and inviscid (no viscosity, no conduction; perfect gas, ratio of heats 1.4): slip at
 walls, symmetry, ``freestreamPressure`` and ``freestreamVelocity`` on all other patches. Gradients are ``Gauss linear``,
 convection of momentum, enthalpy and kinetic energy is ``linearUpwind`` (second order), and SIMPLEC couples velocity and
-pressure, relaxed by 0.9. The pressure at a wall equals that of the cell next to it (``zeroGradient``), and the forces
-are its integral. A run ends when the initial residuals of all equations are below `TOLERANCE`.
+pressure, relaxed by 0.9. The pressure at a wall equals the pressure of the cell next to it (``zeroGradient``), and the
+forces are its integral. A run ends when the initial residuals of all equations are below `TOLERANCE`.
 """
 
 from __future__ import annotations

@@ -51,4 +51,4 @@ def run_program(
 def _reason(text: str) -> str | None:
     """Return the reason that OpenFOAM itself gives."""
     message = re.search(r"FOAM FATAL (?:IO )?ERROR:?(.*?)(?:\n\s*From |\Z)", text, re.DOTALL)
-    return f"{' '.join(message[1].split())}; see to the case or the mesh" if message else None
+    return f"{' '.join(message[1].split())}; check the case or the mesh" if message else None

@@ -41,7 +41,7 @@ def doubts_about_axes_and_area(
     if planform < 0.5 * max(frontal, side):
         found.append(
             f"the walls cover {planform:g} m^2 seen along 'up', {side:g} m^2 along the span and {frontal:g} m^2 "
-            f"downstream; see to the order of the axes"
+            f"downstream; check the order of the axes"
         )
     for name, part in planes.patches.items():
         _, normals = planes.geometry()
@@ -50,7 +50,7 @@ def doubts_about_axes_and_area(
         if across > ACROSS:
             found.append(
                 f"the stream crosses the plane of symmetry '{name}' at {np.degrees(np.arcsin(min(1.0, across))):.0f} "
-                f"degrees; see to the axes, or to the kind of the patch"
+                f"degrees; check the axes, or to the kind of the patch"
             )
     return found
 
@@ -58,7 +58,7 @@ def doubts_about_axes_and_area(
 def doubts_about_forces(ours: dict[str, float], theirs: dict[str, float] | None) -> list[str]:
     """Doubts about coefficients, compared with OpenFOAM's."""
     if theirs is None:
-        return ["OpenFOAM wrote no coefficients to compare ours with; see to its log"]
+        return ["OpenFOAM wrote no coefficients to compare ours with; check its log"]
     size = max(map(abs, theirs.values()))
     found = [
         f"{name} is {ours[name]:.8g}, and OpenFOAM finds {theirs[name]:.8g}; report this"
@@ -66,5 +66,5 @@ def doubts_about_forces(ours: dict[str, float], theirs: dict[str, float] | None)
         if abs(ours[name] - theirs[name]) > AGREE * size
     ]
     if ours["CD"] < 0.0:
-        found.append(f"the drag is negative, CD = {ours['CD']:.3g}; see to the axes and to the mesh")
+        found.append(f"the drag is negative, CD = {ours['CD']:.3g}; check the axes and to the mesh")
     return found

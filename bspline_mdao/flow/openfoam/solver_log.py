@@ -25,13 +25,13 @@ class Convergence(OneLine):
         """Read a log; `SolverError` if numbers are not finite, or nothing was solved."""
         residuals = read_residuals(log)
         if not residuals:
-            raise SolverError(f"{program}: its log has no residuals; see to it")
+            raise SolverError(f"{program}: its log has no residuals; check it")
         bad = [name for name, values in residuals.items() if not np.isfinite(values).all()]
         if bad:
             iteration = int(np.argmin(np.isfinite(residuals[bad[0]]))) + 1
             raise SolverError(
                 f"{program}: the residual of {bad[0]} is not finite from iteration {iteration} on, the flow diverged; "
-                f"take a smaller step, or see to the mesh and the relaxation"
+                f"take a smaller step, or check the mesh and the relaxation"
             )
         return cls(residuals, "solution converged" in log)
 

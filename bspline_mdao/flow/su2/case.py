@@ -220,5 +220,5 @@ def _reason(text: str) -> str | None:
     if message is None:
         return None
     said = " ".join(message[1].split())
-    what = "take a smaller step, or a smaller CFL_NUMBER" if "diverged" in said else "see to the configuration"
+    what = "take a smaller step, or a smaller CFL_NUMBER" if "diverged" in said else "check the configuration"
     return f"{said.rstrip('.')}; {what}"

@@ -138,7 +138,7 @@ class Su2Config(OneLine):
             if kind != "wall" and kind not in BOUNDARIES:
                 raise InputError(
                     f"marker '{name}' is of kind {kind}, for which SU2 has several conditions; give a configuration "
-                    f"with those of all markers, such as MARKER_FAR= ( {name} )"
+                    f"with conditions on all markers, such as MARKER_FAR= ( {name} )"
                 )
             parts = found.setdefault(of_walls if kind == "wall" else BOUNDARIES[kind], [])
             parts.append(f"{name}, 0.0" if kind == "wall" and self.is_viscous else name)

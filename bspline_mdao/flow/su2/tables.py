@@ -54,7 +54,7 @@ class NodeTable(OneLine):
     def column(self, name: str) -> np.ndarray:
         """Values of one name."""
         if name not in self.names:
-            raise SolverError(f"{self.path}: has no column {name}, only {', '.join(self.names)}; see to VOLUME_OUTPUT")
+            raise SolverError(f"{self.path}: has no column {name}, only {', '.join(self.names)}; check VOLUME_OUTPUT")
         return self.values[:, self.names.index(name)]
 
     def vectors(self, name: str, n_axes: int, n_nodes: int) -> np.ndarray:
@@ -73,12 +73,12 @@ def _read(path: Path) -> tuple[list[str], np.ndarray]:
         with open(path, newline="", encoding="utf-8", errors="replace") as file:
             lines = [row for row in csv.reader(file, skipinitialspace=True) if row]
     except OSError as error:
-        raise SolverError(f"{path}: was not written ({error.strerror}); look at the log beside it") from error
+        raise SolverError(f"{path}: was not written ({error.strerror}); check the log next to it") from error
     names = [name.strip().strip('"').strip() for name in lines[0]] if lines else []
     try:
         rows = np.array([[float(value) for value in row[: len(names)]] for row in lines[1:]])
     except ValueError as error:
-        raise SolverError(f"{path}: is damaged ({error}); look at the log beside it") from error
+        raise SolverError(f"{path}: is damaged ({error}); check the log next to it") from error
     if rows.ndim != 2 or rows.shape[1] != len(names):
-        raise SolverError(f"{path}: has no whole rows; look at the log beside it")
+        raise SolverError(f"{path}: has no whole rows; check the log next to it")
     return names, rows

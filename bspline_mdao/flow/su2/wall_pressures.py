@@ -73,17 +73,17 @@ class WallPressures(OneLine):
         if not np.allclose(weights @ forces, stated, rtol=0.0, atol=1e-6 * size):
             raise InputError(
                 f"{what}: SU2's CD and CL are {stated}, but {weights @ forces} by its forces along its axes and the "
-                f"angle of attack; see to AOA and SIDESLIP_ANGLE of the configuration"
+                f"angle of attack; check AOA and SIDESLIP_ANGLE of the configuration"
             )
         pressures = np.full(self.n_stored, np.nan)
         pressures[surface.nodes] = surface.column("Pressure_Coefficient")
         if np.isnan(pressures[self.nodes]).any():
-            raise InputError(f"{what}: SU2 gives no pressures on some of the walls; see to the markers")
+            raise InputError(f"{what}: SU2 gives no pressures on some of the walls; check the markers")
         found = weights @ frame.rows @ self.force(points, pressures) / area
         off, lift_off = np.abs(found - stated), abs(found[1] - stated[1])
         if (lift_off > SLACK_VISCOUS * size) if is_viscous else (off > SLACK * size).any():
             raise InputError(
-                f"{what}: SU2's CD and CL are {stated}, but {found} by its pressures on the walls; see to "
+                f"{what}: SU2's CD and CL are {stated}, but {found} by its pressures on the walls; check "
                 f"MARKER_MONITORING, to the reference area and to axes"
             )
 

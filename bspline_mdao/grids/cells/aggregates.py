@@ -176,9 +176,9 @@ AGGREGATES = {
     "volume_ks": Aggregate(
         "volume",
         "ks",
-        "bound of the cell volumes over those of the baseline",
+        "bound of the cell volumes over the baseline's",
         is_default=True,
-        of_mixed="bound of the volumes of pyramids from the middles of cells to their faces over those of the baseline",
+        of_mixed="bound of the volumes of pyramids from the centres of cells to their faces over the baseline's",
     ),
     "height_low_ks": Aggregate(
         "height",

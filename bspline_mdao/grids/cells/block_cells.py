@@ -122,7 +122,7 @@ class BlockCells(OneLine):
 
     @property
     def cells(self) -> slice:
-        """Slice of the block's cells among those of the grid."""
+        """Slice of the block's cells among the grid's."""
         return slice(self.first_cell, self.first_cell + self.n_cells)
 
     def nodes_of(self, grid_nodes: np.ndarray) -> np.ndarray:
@@ -205,13 +205,13 @@ class Chunk:
 
     @property
     def in_block(self) -> slice:
-        """Slice of the chunk's cells among those of the block."""
+        """Slice of the chunk's cells among the block's."""
         layer = int(np.prod(self.block.degenerate_corners.shape[1:]))
         return slice(self.start * layer, self.stop * layer)
 
     @property
     def in_grid(self) -> slice:
-        """Slice of the chunk's cells among those of the grid."""
+        """Slice of the chunk's cells among the grid's."""
         cells, first = self.in_block, self.block.first_cell
         return slice(first + cells.start, first + cells.stop)
 

@@ -61,7 +61,7 @@ class CellFaces:
     # third cell of the grid line from each boundary face inwards; -1 if there is none
     third: np.ndarray  # int (n_faces - n_inner,)
     boundary: tuple[BoundaryFaces, ...]  # the patches
-    n_ghosts: int = 0  # cells of other processes; their numbers follow those of the cells
+    n_ghosts: int = 0  # cells of other processes; numbered after the cells
     # windows of the blocks of the layout; None if they are whole blocks
     pieces: tuple[Window, ...] | None = None
     # numbers of the boundary faces among the faces of all pieces, patch after patch; None if they are all

@@ -54,7 +54,7 @@ class CellJudge(Protocol):
         """Change of the quality with the nodes."""
 
     def vjp(self, nodes: np.ndarray, values: GridValues, bar: GridValues) -> np.ndarray:
-        """Adjoint of the nodes from that of the quality."""
+        """Adjoint of the nodes from the adjoint of the quality."""
 
     def report(self, nodes: np.ndarray, n_bins: int) -> Any:
         """Report for people."""

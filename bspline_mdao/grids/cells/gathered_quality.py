@@ -113,7 +113,7 @@ class GatheredQuality(OneLine):
         return self.rows[self.comm.rank]
 
     def _gathered(self, part: np.ndarray) -> np.ndarray:
-        """Nodes of the mesh, shape (n_points, 3), from those of each process."""
+        """Nodes of the mesh, shape (n_points, 3), from the nodes of each process."""
         whole = np.empty_like(self.part.baseline)
         for rows, found in reversed(list(zip(self.rows, from_all(self.comm, part)))):
             whole[rows[::-1]] = found[::-1]  # the first holder of a node is the last to write it

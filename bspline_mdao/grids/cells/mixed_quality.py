@@ -140,8 +140,8 @@ class MixedQuality(OneLine):
         """Refuse names of aggregates that the mesh does not have, and Q of every cell."""
         if cells:
             raise InputError(
-                f"{self.mesh.source}: Q of every cell, Eq. (9), is of hexahedra in blocks, and cells of this mesh have "
-                f"none; leave 'cells' out"
+                f"{self.mesh.source}: Q of every cell, Eq. (9), is for hexahedra in blocks, which this mesh does not "
+                f"have; leave 'cells' out"
             )
         missing = next((name for name in names if name not in self.aggregates), None)
         if missing is None:
@@ -151,7 +151,7 @@ class MixedQuality(OneLine):
         if AGGREGATES[missing].of_mixed:
             raise InputError(f"'{missing}': {self.mesh.source} has no nodes next to a wall to measure")
         raise InputError(
-            f"'{missing}' is of hexahedra in blocks, and {self.mesh.source} has cells of mixed kinds; choose from "
+            f"'{missing}' is for hexahedra in blocks, and {self.mesh.source} has cells of mixed kinds; choose from "
             f"{', '.join(self.aggregates)}"
         )
 

@@ -134,7 +134,7 @@ def _side(
         if motion.is_translation:  # arrays of single precision are then as exact as their nodes
             motion = Motion(shift=tuple((others[met] - nodes).mean(axis=0).tolist()))
         return _Side(a, b, motion, nodes, size) if motion.is_ahead else _Side(b, a, motion.inverse(), others, size)
-    return "has a rotation or translation that does not lay its nodes onto those of the donor"
+    return "has a rotation or translation that does not map its nodes onto the donor's"
 
 
 def _window_of(lists: dict[str, h5py.Group], side: str, block: int, shapes: Sequence[tuple[int, ...]]) -> Window | None:

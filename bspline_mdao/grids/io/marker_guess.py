@@ -41,7 +41,7 @@ PIECE = 1 << 18
 FLAT = 1e-6
 """Distance of nodes from a plane, relative to the size of a mesh, that counts as rounding of single precision."""
 
-CELLS = "those of most cells"
+CELLS = "the height of most cells"
 """What the heights of first cells are compared with."""
 
 MOST_PLANES = 6
@@ -140,7 +140,7 @@ def guess_kinds(mesh: MixedMesh, known: Mapping[str, MarkerGuess] | None = None)
     found |= {n: guess for n in mesh.markers or {} if n not in found and (guess := _by_words(n, places))}
     rest = [name for name in mesh.markers or {} if name not in found]
     for name, (partner, motion) in places.turned(rest).items():
-        found[name] = MarkerGuess("periodic", "likely", f"a {motion} lays it onto {partner}")
+        found[name] = MarkerGuess("periodic", "likely", f"a {motion} maps it onto {partner}")
     rest = [name for name in rest if name not in found]
     for name in rest:
         if not places.is_side(name):

@@ -33,7 +33,7 @@ def polymesh_of(
     order = np.argsort(keys, kind="stable")
     is_same = keys[order][1:] == keys[order][:-1]
     if (is_same[1:] & is_same[:-1]).any():
-        raise InputError(f"{mesh.source}: a face has three cells; see to the mesh")
+        raise InputError(f"{mesh.source}: a face has three cells; check the mesh")
     pairs = np.stack([order[:-1][is_same], order[1:][is_same]], axis=1)
     is_higher = cells[pairs[:, 0]] > cells[pairs[:, 1]]
     pairs[is_higher] = pairs[is_higher][:, ::-1]  # the face as seen from the lower cell points out of it

@@ -285,7 +285,7 @@ def case_texts(
 
 
 def put_texts(folder: str | os.PathLike, texts: CaseTexts) -> None:
-    """Write texts into a case, those of a folder all or none."""
+    """Write texts into a case, all of a folder or none."""
     for parent in dict.fromkeys(parent for parent, _ in texts):
         with replaced_folder(Path(folder) / parent) as new:
             for (where, name), (kind, text) in texts.items():
@@ -308,7 +308,7 @@ def _kept(cells: CellFaces, has_area: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _renumbered(boundary: Sequence[BoundaryFaces], n_inner: int, edge: np.ndarray) -> tuple[BoundaryFaces, ...]:
-    """Patches with names for OpenFOAM and the ranges of those of their faces that are kept."""
+    """Patches with names for OpenFOAM and the ranges of their remaining faces."""
     names = [foam_name(patch.name) for patch in boundary]
     for patch, name in zip(boundary, names):
         if names.count(name) > 1:

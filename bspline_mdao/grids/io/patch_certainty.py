@@ -103,7 +103,7 @@ def judge_symmetry(window: Window, name: str, part: float | None) -> FaceGuess:
 def judge_periodic(window: Window, name: str, motion: Motion) -> FaceGuess:
     """Take a face for periodic: translations map the sides of any duct onto each other, rotations rarely by chance."""
     level = "likely" if motion.is_translation else "sure"
-    return FaceGuess(window, name, "other", level, f"a {motion} lays it onto its partner")
+    return FaceGuess(window, name, "other", level, f"a {motion} maps it onto its partner")
 
 
 def _cells_text(part: float | None, of: str = LINES) -> str:

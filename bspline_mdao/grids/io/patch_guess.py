@@ -68,7 +68,7 @@ _HEADER = """Patches of {source}: a draft to be checked.
 Kinds: wall, symmetry, farfield, overset, other. Faces that are not named are free boundaries or found interfaces.
 A face may be cut: {{ block = 1, face = "kmin", i = [1, 13] }} (nodes counted from 1).
 Symmetry was guessed for planes at the rim of the grid in which other faces end at a right angle, periodic for pairs of
-faces that a rotation or a translation lays onto each other, far field for distant faces, wall for the rest."""
+faces that a rotation or a translation maps onto each other, far field for distant faces, wall for the rest."""
 
 
 def kind_of_name(name: str) -> str:

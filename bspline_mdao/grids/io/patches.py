@@ -1,4 +1,4 @@
-"""Patches declared in a file of their own, in TOML or a neutral map file, and merged with those of the grid file.
+"""Patches declared in a file of their own, in TOML or a neutral map file, and merged with the grid file's.
 
 A patches file in TOML names pieces of the boundary::
 

@@ -90,7 +90,7 @@ def write_tecplot(
 
 
 def _names(fields: Fields, taken: Sequence[str] = ()) -> list[str]:
-    """Names of the variables of fields: one for each component; those of cells differ from those of nodes."""
+    """Names of the variables of fields: one for each component; names for cells and nodes differ."""
     found = []
     for name, arrays in fields.items():
         shape = np.shape(arrays[0])

@@ -90,7 +90,7 @@ class Subdomain(OneLine):
         is_list = array.ndim == 1 and (array.dtype.kind in "iu" or not array.size)
         if not is_list or (array.size and not 0 <= array.min() <= array.max() < n_nodes_of_grid):
             raise InputError(
-                f"subdomain of a grid: the rows are not those of {n_nodes_of_grid} nodes; give a list of integers from "
+                f"subdomain of a grid: the rows do not fit {n_nodes_of_grid} nodes; give a list of integers from "
                 f"0 to {n_nodes_of_grid - 1}"
             )
         return cls(n_nodes_of_grid, array.astype(np.int64))

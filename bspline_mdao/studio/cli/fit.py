@@ -247,7 +247,7 @@ def show_report(model: FittedModel | FittedBlocks) -> None:
             *_local_lines(report),
             *([] if model.residual is None else [KEPT]),
             *(
-                f"control points of {' and '.join(sides_of(model.topology, tied))} move alike: a {tied.motion} lays "
+                f"control points of {' and '.join(sides_of(model.topology, tied))} move alike: a {tied.motion} maps "
                 f"one onto the other"
                 for tied in model.topology.periodic
             ),

@@ -137,7 +137,7 @@ def show_lattice(model: MeshModel) -> None:
     in_planes = dict.fromkeys(name for plane in model.planes for name in plane.markers)
     lines += [f"nodes of {name} stay in their plane" for name in in_planes]
     lines += [
-        f"nodes of {' and '.join(sides.markers)} move alike: a {sides.motion} lays one onto the other"
+        f"nodes of {' and '.join(sides.markers)} move alike: a {sides.motion} maps one onto the other"
         for sides in model.periodic
     ]
     lines += [f"nodes of {name} slide on {slide.surface}" for name, slide in model.slides.items()]
@@ -157,5 +157,5 @@ def untied_lines(model: MeshModel, in_planes: set[str]) -> list[str]:
             )
             untied = [name for name in untied if name not in sides.markers]
     if untied:
-        lines.append(f"nodes of {', '.join(untied)} stay: no shift and no rotation lays these sides onto each other")
+        lines.append(f"nodes of {', '.join(untied)} stay: no shift and no rotation maps these sides onto each other")
     return lines

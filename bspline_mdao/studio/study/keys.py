@@ -1,4 +1,4 @@
-"""The keys of a study except those of its variables: possible values, meanings and defaults.
+"""The keys of a study, except for its variables: possible values, meanings and defaults.
 
 Readers, messages and documentation of studies use these tables. To add a key, add its line here, and its effect to
 `script`.

@@ -179,7 +179,7 @@ def test_cells_that_are_inverted_on_the_baseline_are_nobodys_fault():
 def test_what_cells_of_mixed_kinds_have_not_is_refused_in_one_line():
     quality = MixedQuality.of(mesh_around_a_body()[0], NONE)
     assert quality.aggregates == ("volume_ks",)
-    with pytest.raises(InputError, match=r"'corner_ks' is of hexahedra in blocks.*choose from volume_ks"):
+    with pytest.raises(InputError, match=r"'corner_ks' is for hexahedra in blocks.*choose from volume_ks"):
         quality.require(["corner_ks"])
     with pytest.raises(InputError, match=r"'height_low_ks'.*no nodes next to a wall"):
         quality.require(["height_low_ks"])

@@ -177,7 +177,7 @@ def test_lists_of_nodes_that_meet_one_by_one_are_sides_and_what_no_motion_lays_o
     assert (pair.windows, pair.others) == ((Window.whole(0, SHAPE).face(4),), (Window.whole(0, SHAPE).face(5),))
     assert [line.split("'")[1] for line in read.dialect.ignored] == ["wrong", "patched"]
     assert "is of type Abutting, not Abutting1to1" in read.dialect.ignored[1]
-    assert "does not lay its nodes onto those of the donor" in read.dialect.ignored[0]
+    assert "does not map its nodes onto the donor's" in read.dialect.ignored[0]
 
 
 def overlapping(path):

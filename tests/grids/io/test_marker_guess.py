@@ -158,7 +158,7 @@ def test_sides_that_a_rotation_lays_onto_each_other_are_periodic_whatever_they_a
     sector = renamed(sector_mesh()[0], per_1="left", per_2="right")
     found = guess_kinds(sector)
     assert [found[name].kind for name in ("left", "right", "body")] == ["periodic", "periodic", "wall"]
-    assert re.fullmatch(r"a rotation about .* by 28\.6479 deg lays it onto right", found["left"].why)
+    assert re.fullmatch(r"a rotation about .* by 28\.6479 deg maps it onto right", found["left"].why)
     assert found["left"].sure == "likely"
 
 

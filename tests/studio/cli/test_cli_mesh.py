@@ -153,7 +153,7 @@ def test_sides_that_stay_are_copies_by_another_shift_or_no_copies():
     )
     model = MeshModel.of(*periodic_mesh(twist=0.1), LatticeSettings(spacing=0.3))
     assert untied_lines(model, set()) == [
-        "nodes of per_1, per_2 stay: no shift and no rotation lays these sides onto each other"
+        "nodes of per_1, per_2 stay: no shift and no rotation maps these sides onto each other"
     ]
 
 

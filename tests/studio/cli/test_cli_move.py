@@ -521,7 +521,7 @@ def test_periodic_sides_move_alike_and_a_deformation_that_differs_there_is_named
     assert run(["fit", "passage.xyz", "--patches", "patches.toml", "-o", "passage.h5", "--json", "f.json"]) == 0
     told = " ".join("".join(capsys.readouterr()).split())
     sides = "block 1 jmin and block 1 jmax"
-    assert f"control points of {sides} move alike: a rotation about x by 17.1887 deg lays one onto the other" in told
+    assert f"control points of {sides} move alike: a rotation about x by 17.1887 deg maps one onto the other" in told
     (pair,) = numbers("f.json")["periodic"]
     assert pair == {"markers": ["block 1 jmin", "block 1 jmax"], "motion": "rotation about x by 17.1887 deg"}
     assert run(BUMPS) == 0

@@ -94,7 +94,7 @@ def test_a_report_notes_mach_numbers_out_of_the_comparisons(problem, tmp_path):
     flown = replace(history, outputs={f"{name}.Mach_number": {2: np.array([mach])} for name, mach in
                                       (("cruise", 0.84), ("dash", 0.9))})  # fmt: skip
     (note,) = [note for note in notes_on(flown) if "Mach" in note]
-    assert note.startswith("dash: Mach_number is 0.9; results were compared with others from 0.1 to 0.84 alone")
+    assert note.startswith("dash: Mach_number is 0.9; results were compared with others only from 0.1 to 0.84")
     assert not [note for note in notes_on(replace(flown, options={})) if "Mach" in note]
     both = replace(
         flown, options=flown.options | {"top.climb": {"n_chord": 5}}, outputs={"Mach_number": {2: np.array([0.05])}}

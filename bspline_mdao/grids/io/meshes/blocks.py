@@ -110,7 +110,7 @@ def _periodic(grid: Grid, topology: Topology) -> dict[str, MarkerGuess]:
         for windows, motion in ((pair.windows, pair.motion), (pair.others, pair.motion.inverse())):
             for face in topology.boundary:
                 if face.kind == "other" and face.patch and any(window.contains(face.window) for window in windows):
-                    why = f"its file says that a {motion} lays it onto its partner"
+                    why = f"its file says that a {motion} maps it onto its partner"
                     found[face.patch] = MarkerGuess(PERIODIC, "sure", why)
     return found
 

@@ -99,7 +99,9 @@ def _by_entity(file: GmshFile) -> list[Block]:
         dimension, tag, number = numbers.take("int", 3).tolist()
         n, n_nodes = int(numbers.take("size", 1)[0]), _nodes_of(number)
         if OF_TYPE[number][1] != dimension or (groups is not None and (dimension, tag) not in groups):
-            raise ValueError(f"elements of type {number} of entity {tag} of dimension {dimension}, which there is not")
+            raise ValueError(
+                f"elements of type {number} of entity {tag} of dimension {dimension}, which does not exist"
+            )
         found = numbers.take("size", n * (1 + n_nodes)).reshape(n, 1 + n_nodes)
         of_all = np.array((groups or {}).get((dimension, tag), []), dtype=np.int64)
         blocks.append(Block.of(number, found[:, 1:], np.broadcast_to(of_all, (n, len(of_all)))))

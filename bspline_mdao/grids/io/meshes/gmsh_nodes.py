@@ -50,7 +50,7 @@ def find_gmsh_nodes(file: GmshFile) -> tuple[StoredPoints, np.ndarray]:
     else:
         stored, tags = _by_entity(file)
     if len(np.unique(tags)) != len(tags):
-        raise ValueError("a number is that of two nodes")
+        raise ValueError("two nodes have one number")
     return stored, tags
 
 

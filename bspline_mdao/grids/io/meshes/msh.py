@@ -49,7 +49,7 @@ def _with_rows(block: Block, tags: np.ndarray) -> Block:
     is_known = rows < len(tags)
     is_known[is_known] = tags[order[rows[is_known]]] == block.corners[is_known]
     if not is_known.all():
-        raise ValueError(f"an element has node {block.corners[~is_known][0]}, which there is not")
+        raise ValueError(f"an element has node {block.corners[~is_known][0]}, which does not exist")
     return Block(block.kind, block.dimension, order[rows], block.groups)
 
 

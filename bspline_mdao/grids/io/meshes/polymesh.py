@@ -99,7 +99,7 @@ def patches_of(file: FoamFile, n_faces: int) -> list[tuple[str, str, int, int]]:
         found.append((match[1], kind[1] if kind else "", first, n))
     names = {name for name, *_ in found}
     if _PATCH.sub("", text).split() != [")"]:
-        raise InputError(f"{file.path}: has other text beside its patches; write it again")
+        raise InputError(f"{file.path}: has other text besides its patches; write it again")
     announced = len(found) if n_patches is None else n_patches
     if not len(names) == len(found) == announced:
         raise InputError(f"{file.path}: announces {announced:,} patches and holds {len(names):,}; write it again")
