@@ -125,7 +125,7 @@ def test_one_side_of_a_file_is_mirrored_by_an_option(said):
         (["naca0012", "-o", "f.foo"], "no '.foo' files are written"),
         (["naca0012", "-o", "f.h5", "--around", "33"], "33 cells around it"),
         (["naca0012", "-o", "f.h5", "--y-plus", "1"], "y+ and the Reynolds number go together"),
-        (["naca0012", "-o", "f.h5", "--symmetric"], "is no file"),
+        (["naca0012", "-o", "f.h5", "--symmetric"], "is not a file"),
         (["naca0012", "-o", "f.h5", "--first-cell", "-1"], "--first-cell"),
     ],
 )

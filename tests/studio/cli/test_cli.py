@@ -142,7 +142,7 @@ def test_a_draft_can_be_passed_on_as_patches(grid_file, capsys):
 def test_a_draft_shows_its_guesses_and_how_sure_it_is(workplace, capsys):
     write_grid("bare.xyz", replace(onera_m6_grid((9, 8, 7)), patches=()))
     assert run(["inspect", "bare.xyz"]) == 0
-    assert "--draft FILE.toml shows how" in capsys.readouterr().out
+    assert "--draft FILE.toml shows the guesses" in capsys.readouterr().out
     assert run(["inspect", "bare.xyz", "--draft", "bare.toml", "--json", "i.json"]) == 0
     guesses = {guess["name"]: guess for guess in numbers("i.json")["guesses"]}
     assert {name: guess["sureness"] for name, guess in guesses.items()} == {

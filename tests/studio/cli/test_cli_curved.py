@@ -46,4 +46,4 @@ def test_quality_finds_the_curved_element_that_is_inverted(workplace, capsys):
 
 def test_quality_of_curved_hexahedra_has_no_baseline(workplace, capsys):
     write_curved_grid("c.cgns", curved_grid(fit_grid(ball_grid((5, 4, 5, 4), far=3.0)), 2))
-    fails_as_expected(["quality", "c.cgns", "--baseline", "ball.h5"], capsys, "c.cgns: is of curved", "--baseline")
+    fails_as_expected(["quality", "c.cgns", "--baseline", "ball.h5"], capsys, "c.cgns: has curved", "--baseline")
