@@ -14,7 +14,7 @@ def cut(
     place: float,  # coordinate of the plane (m)
 ) -> np.ndarray:  # (n_segments, 2, 3), ends of the segments (m)
     """Cut quads with a plane across an axis."""
-    places, segments = _segments(points, quads, axis, place)
+    places, segments, _ = _segments(points, quads, axis, place)
     return places[segments]
 
 
@@ -23,9 +23,10 @@ def cut_lines(
     quads: np.ndarray,  # (n, 4) of int, their numbers
     axis: int,  # the axis
     place: float,  # coordinate of the plane (m)
+    diagonals: bool = False,  # whether lines have points on the diagonals of quads, which lie beside a curved wall
 ) -> list[np.ndarray]:  # each (n, 3), points (m)
     """Cut quads with a plane across an axis, and join the segments to lines; closed ones end where they begin."""
-    places, segments = _segments(points, quads, axis, place)
+    places, segments, is_on_side = _segments(points, quads, axis, place)
     ends, others = segments.T.ravel(), segments[:, ::-1].T.ravel()
     order = np.argsort(ends, kind="stable")
     counts = np.bincount(ends, minlength=len(places))
@@ -40,12 +41,15 @@ def cut_lines(
             line.append(at)
             at = next((int(n) for n in links[at] if n >= 0 and is_left[n]), -1)
         if line:
-            lines.append(places[[*line, int(start)] if counts[start] > 1 else line])
+            kept = line if diagonals else [n for n in line if is_on_side[n]]
+            lines.append(places[[*kept, kept[0]] if counts[start] > 1 else kept])
     return lines
 
 
-def _segments(points: np.ndarray, quads: np.ndarray, axis: int, place: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points where a plane cuts edges of the triangles of quads, (n, 3), and two of them for each cut triangle."""
+def _segments(
+    points: np.ndarray, quads: np.ndarray, axis: int, place: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points where a plane cuts the triangles of quads, two of them for each that is cut, and which are on sides."""
     heights = points[:, axis] - place
     triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     above = heights[triangles] > 0.0
@@ -57,4 +61,6 @@ def _segments(points: np.ndarray, quads: np.ndarray, axis: int, place: float) ->
     edges, number = np.unique(edges, axis=0, return_inverse=True)
     a, b = edges.T
     part = (heights[a] / (heights[a] - heights[b]))[:, None]
-    return points[a] + part * (points[b] - points[a]), number.reshape(-1, 2)
+    sides = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1), axis=-1).reshape(-1, 2)
+    is_on_side = np.isin(a * len(points) + b, sides @ [len(points), 1])
+    return points[a] + part * (points[b] - points[a]), number.reshape(-1, 2), is_on_side

@@ -133,7 +133,7 @@ class _MeshEdges(EdgeCells):
         """Edges of cells in the slice, and edges of inverted cells."""
         at, seen = self.directions, self.directions.seen(edge)
         axis, place = (0, at.of_tip) if edge == "tip" else (at.span, at.middle)
-        walls = [line[:, seen] for line in cut_lines(nodes, self.walls, axis, place)]
+        walls = [line[:, seen] for line in cut_lines(nodes, self.walls, axis, place, diagonals=True)]
         wall = np.concatenate(walls)
         centre = wall[np.argmax(SIDES[edge] * wall[:, 0])]
         box = np.array([[-np.inf] * 3, [np.inf] * 3])

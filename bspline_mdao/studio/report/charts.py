@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from ...core.om.drivers.case_history import FEASIBLE, CaseHistory, Quantity
 from ...grids.cells.report import QualityReport
-from ..plotting.cuts import cut
 from ..plotting.figures import BLUE, GRAY, GREEN, ORANGE, PURPLE, RED
 from ..plotting.pressures import faces_around
+from ..plotting.smooth_lines import outlines_at
 from .shape import Axes, Shape
 from .walls import WallHeights
 
@@ -34,6 +34,9 @@ __all__ = [
 
 STATIONS = (0.05, 0.35, 0.65, 0.95)
 """Stations of the sections, as fractions of the span of the walls."""
+
+GAP = np.full((1, 2), np.nan)
+"""What ends a line in a trace of many."""
 
 MOST_LINES = 8
 """Largest number of values of a vector with a line each; above it the smallest and the largest are drawn."""
@@ -175,22 +178,16 @@ def _limit_lines(quantity: Quantity, n: np.ndarray) -> list[dict[str, Any]]:
 
 
 def section_chart(shapes: Sequence[Shape], quads: np.ndarray, axes: Axes) -> Chart:
-    """Sections of the walls, one below the other."""
-    places = places_of(shapes[0].nodes[quads], axes)
+    """Sections of the walls, smooth but for sharp edges, one below the other."""
+    places, order = places_of(shapes[0].nodes[quads], axes), (axes.downstream, axes.up, axes.span)
     data: list[dict[str, Any]] = []
     layout: dict[str, Any] = {"grid": {"rows": len(places), "columns": 1, "pattern": "independent"}, "annotations": []}
     for row, place in enumerate(places, start=1):
         suffix = "" if row == 1 else str(row)
         for shape, style in zip(shapes, shape_styles(shapes)):
-            ends = cut(shape.nodes, quads, axes.span, place)
-            style = style | {"dash": "solid"}  # dashes would restart with every segment
-            line = np.concatenate([ends, np.full((len(ends), 1, 3), np.nan)], axis=1).reshape(-1, 3).astype(np.float32)
-            at = {
-                "x": line[:, axes.downstream].copy(),
-                "y": line[:, axes.up].copy(),
-                "xaxis": f"x{suffix}",
-                "yaxis": f"y{suffix}",
-            }
+            lines = [part for line in outlines_at(place, shape.nodes, quads, order) for part in (line, GAP)]
+            x, y = np.concatenate([GAP, *lines]).astype(np.float32).T
+            at = {"x": x.copy(), "y": y.copy(), "xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
             data.append(
                 {"type": "scatter", "mode": "lines", "name": shape.label, "line": style, "showlegend": row == 1, **at}
             )

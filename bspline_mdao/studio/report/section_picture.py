@@ -13,10 +13,9 @@ from ...core.model.fitted_model import FittedModel
 from ...core.om.drivers.case_history import CaseHistory, read_history
 from ...errors import InputError
 from ...flow.euler.gas import critical_pressure
-from ..plotting.cuts import cut_lines
 from ..plotting.figures import BLUE, GRAY, figure
 from ..plotting.pressures import draw_pressures
-from ..plotting.smooth_lines import outline_through
+from ..plotting.smooth_lines import outlines_at
 from .block_subject import BlockSubject
 from .contents import RECORD, axes_of, shapes_of
 
@@ -136,4 +135,4 @@ def _outlines(
 ) -> list[np.ndarray]:  # each (m, 2), of every element (m)
     """The curves through the nodes in the first plane of a section, smooth but for sharp edges."""
     first, depth = points[:, 2].min(), np.ptp(points[:, 2])
-    return [outline_through(line[:, :2]) for line in cut_lines(points, quads, 2, first + NEAR * depth)]
+    return outlines_at(first + NEAR * depth, points, quads, (0, 1, 2))

@@ -121,8 +121,8 @@ class DrawnWalls:
         return np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
 
     def quads(self) -> np.ndarray:
-        """Corners of all quads of the walls, shape (n, 4), as rows in the grid."""
-        return np.concatenate([quads_in_turn(face) for face in self.faces])
+        """Corners of all quads of the walls, shape (n, 4), as rows in the grid; of copies the one they are of."""
+        return self.sources[np.concatenate([quads_in_turn(face) for face in self.faces])]
 
     def lines(self, nodes: np.ndarray) -> np.ndarray:
         """Grid lines that are drawn."""

@@ -1,8 +1,10 @@
 """Curves through coarse points go through them, keep edges, and add no waves."""
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
-from bspline_mdao.studio.plotting.smooth_lines import curve_through, outline_through
+from bspline_mdao.studio.plotting.cuts import cut_lines
+from bspline_mdao.studio.plotting.smooth_lines import curve_through, outline_through, outlines_at
 
 
 def section(n):
@@ -44,3 +46,40 @@ def test_points_that_coincide_are_taken_once():
     tip = np.array([[0.0, 1.0], [0.5, 1.0], [0.5, 1.0], [0.7, 1.0]])
     np.testing.assert_allclose(curve_through(tip)[:, 1], 1.0)
     assert curve_through(tip[:1]).shape == (1, 2)
+
+
+def test_a_wall_that_is_cut_between_its_grid_lines_is_drawn_through_these_alone():
+    angles, z = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False), np.linspace(0.0, 1.0, 4)
+    turn = angles + np.zeros((4, 1))
+    points = np.stack([np.cos(turn), 0.4 * np.sin(turn), z[:, None] + np.zeros(24)], axis=-1).reshape(-1, 3)
+    rows = np.arange(96).reshape(4, 24)
+    after = np.roll(rows, -1, axis=1)
+    quads = np.stack([rows[:-1], after[:-1], after[1:], rows[1:]], axis=-1).reshape(-1, 4)
+    (line,) = outlines_at(0.41, points, quads, (0, 1, 2))
+    assert np.linalg.norm(line[0] - line[-1]) < 1e-12
+    assert len(line) == 24 * 8 + 1
+    assert np.abs(np.hypot(line[:, 0], line[:, 1] / 0.4) - 1.0).max() < 1e-3
+    first, last = line[1] - line[0], line[-1] - line[-2]  # it is as round where it closes
+    assert np.degrees(np.arccos(first @ last / np.linalg.norm(first) / np.linalg.norm(last))) < 6.0
+    (with_diagonals,) = cut_lines(points, quads, 2, 0.41, diagonals=True)
+    assert len(with_diagonals) == 2 * 24 + 1
+    assert np.hypot(with_diagonals[:, 0], with_diagonals[:, 1] / 0.4).min() < 0.995  # beside the wall
+
+
+def test_curves_through_a_cut_of_triangles_swing_nowhere():
+    rng = np.random.default_rng(0)
+    for n in (150, 600, 1500):
+        for _ in range(6):
+            points = rng.normal(size=(n, 3))
+            points /= np.linalg.norm(points, axis=1, keepdims=True)
+            triangles = ConvexHull(points).simplices[:, [0, 1, 2, 2]]
+            (polygon,) = cut_lines(points * [1.0, 0.3, 1.0], triangles, 2, 0.2)
+            (drawn,) = outlines_at(0.2, points * [1.0, 0.3, 1.0], triangles, (0, 1, 2))
+            off, middles = np.abs(np.hypot(drawn[:, 0], drawn[:, 1] / 0.3) - 0.96**0.5), polygon[1:] + polygon[:-1]
+            assert off.max() < 1.1 * np.abs(np.hypot(0.5 * middles[:, 0], middles[:, 1] / 0.6) - 0.96**0.5).max()
+
+
+def test_a_cut_that_is_a_point_or_a_segment_is_drawn_as_it_is():
+    tiny = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]])
+    np.testing.assert_array_equal(outline_through(tiny), tiny[[1, 0, 0, 1]])
+    assert outline_through(np.zeros((2, 2))).shape == (1, 2)

@@ -18,6 +18,8 @@ from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.studio.cli.main import run
 from bspline_mdao.studio.plotting.cuts import cut
 from bspline_mdao.studio.report import openmdao_report
+from bspline_mdao.studio.report.charts import section_chart
+from bspline_mdao.studio.report.shape import Axes, Shape
 from bspline_mdao.studio.report.walls import DrawnWalls
 
 pytest.importorskip("plotly", reason="plotly is not installed")
@@ -269,6 +271,19 @@ def test_a_cut_of_a_ball_is_a_circle():
     np.testing.assert_allclose(ends[..., 1], 0.6)
     np.testing.assert_allclose(np.hypot(ends[..., 0], ends[..., 2]), 0.8, atol=5e-3)
     assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(1.6 * np.pi, rel=5e-3)
+
+
+def test_a_section_of_the_page_is_one_curve_around_the_wing_across_its_blocks(model):
+    nodes = model.regenerate().to_vector().reshape(-1, 3)
+    walls, axes = DrawnWalls.of(model.topology, nodes, 100), Axes(0, 2, 1)
+    for trace in section_chart([Shape("wing", nodes, None)], walls.quads(), axes).data:
+        line = np.stack([trace["x"], trace["y"]], axis=1)
+        assert np.isnan(line[[0, -1]]).all()
+        assert not np.isnan(line[1:-1]).any()  # one line
+        np.testing.assert_array_equal(line[1], line[-2])  # from the trailing edge back to it
+        steps = np.diff(line[1:-1], axis=0)
+        directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+        assert np.sum(directions[1:] * directions[:-1], axis=1).min() > 0.9  # no corners at lines of a coarse grid
 
 
 def test_a_loaded_model_is_reported_as_the_one_in_memory(model, tmp_path):
