@@ -273,7 +273,8 @@ def test_a_cut_of_a_ball_is_a_circle():
     assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(1.6 * np.pi, rel=5e-3)
 
 
-def test_a_section_of_the_page_is_one_curve_around_the_wing_across_its_blocks(model):
+def test_a_section_of_the_page_is_one_curve_around_the_wing_across_its_blocks():
+    model = fit_grid(onera_m6_grid((13, 5, 5)))
     nodes = model.regenerate().to_vector().reshape(-1, 3)
     walls, axes = DrawnWalls.of(model.topology, nodes, 100), Axes(0, 2, 1)
     for trace in section_chart([Shape("wing", nodes, None)], walls.quads(), axes).data:
