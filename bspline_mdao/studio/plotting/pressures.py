@@ -9,6 +9,7 @@ import numpy as np
 from ...core.model.fitted_model import FittedModel
 from ...grids.cells.cell_faces import CellFaces
 from ...grids.cells.quads import area_vectors
+from .smooth_lines import PIECES, curve_through
 
 __all__ = ["draw_pressures", "faces_around", "wall_quads"]
 
@@ -56,7 +57,7 @@ def faces_around(quads: np.ndarray, place: float) -> np.ndarray:
 
 
 def draw_pressures(axes: Any, quads: np.ndarray, pressures: np.ndarray, place: float, **style: Any) -> None:
-    """Draw the pressure coefficients around a station along the span over the chord there.
+    """Draw the pressure coefficients around a station along the span as a curve through the faces.
 
     Parameters
     ----------
@@ -69,11 +70,13 @@ def draw_pressures(axes: Any, quads: np.ndarray, pressures: np.ndarray, place: f
     place : float
         Coordinate z (m).
     **style
-        Keywords of ``plot``.
+        Keywords of ``plot``; markers are at the faces.
     """
     around = faces_around(quads, place)
     leading, trailing = _chord_ends(quads[around])
-    axes.plot((quads[around, :, 0].mean(axis=1) - leading) / (trailing - leading), pressures[around], **style)
+    x = (quads[around, :, 0].mean(axis=1) - leading) / (trailing - leading)
+    curve = curve_through(np.stack([x, pressures[around]], axis=1))
+    axes.plot(*curve.T, **{"markevery": PIECES} | style)
     axes.set(xlabel="$x / c$", ylabel="$C_p$")
     if not axes.yaxis_inverted():
         axes.invert_yaxis()

@@ -9,7 +9,7 @@ from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
 from .cuts import cut_lines
 
-__all__ = ["curve_through", "outline_through", "outlines_at"]
+__all__ = ["PIECES", "curve_through", "outline_through", "outlines_at"]
 
 PIECES = 8
 """Pieces of the curve between two points."""

@@ -13,7 +13,7 @@ from ...core.om.drivers.case_history import FEASIBLE, CaseHistory, Quantity
 from ...grids.cells.report import QualityReport
 from ..plotting.figures import BLUE, GRAY, GREEN, ORANGE, PURPLE, RED
 from ..plotting.pressures import faces_around
-from ..plotting.smooth_lines import outlines_at
+from ..plotting.smooth_lines import curve_through, outlines_at
 from .shape import Axes, Shape
 from .walls import WallHeights
 
@@ -212,8 +212,9 @@ def pressure_chart(shapes: Sequence[Shape], name: str, corners: np.ndarray, axes
         for shape, style in zip(shapes, shape_styles(shapes)):
             quads = shape.nodes[corners][..., order]
             around = faces_around(quads, place)
-            x = quads[around, :, 0].mean(axis=1)
-            at = {"x": x, "y": shape.pressures[name][around], "xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
+            points = np.stack([quads[around, :, 0].mean(axis=1), shape.pressures[name][around]], axis=1)
+            x, y = curve_through(points).astype(np.float32).T
+            at = {"x": x.copy(), "y": y.copy(), "xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
             data.append(
                 {"type": "scatter", "mode": "lines", "name": shape.label, "line": style, "showlegend": row == 1, **at}
             )

@@ -197,5 +197,8 @@ def test_pressures_are_drawn_over_the_chord_with_suction_above(model, nodes, axe
     draw_pressures(axes, quads, pressures, 1.5, color="blue")
     x, height = axes.lines[0].get_data()
     assert 0.0 < x.min() < 0.1 < 0.9 < x.max() < 1.0
-    assert height[: len(x) // 2].min() > 0.0 > height[len(x) // 2 :].max()
+    assert height[: len(x) // 2].min() > 0.0 > height[len(x) // 2 + 1 :].max()
     assert axes.yaxis_inverted()
+    faces = pressures[faces_around(quads, 1.5)]
+    np.testing.assert_allclose(height[:: axes.lines[0].get_markevery()], faces, atol=1e-12)  # where markers are
+    assert len(height) > 4 * len(faces)  # a curve
