@@ -123,3 +123,5 @@ def draw(folder, numbers: dict, model: bm.FittedModel, factors: tuple[float, ...
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/thumbnails/curved_elements.png'

@@ -16,7 +16,7 @@ import numpy as np
 
 import bspline_mdao as bm
 from bspline_mdao.jax import grid, quality
-from bspline_mdao.plotting import BLUE, GRAY, figure
+from bspline_mdao.plotting import BLUE, GRAY, draw_ellipse, draw_span_load, draw_twist, figure
 from bspline_mdao.scripts import run
 
 LIFT = 0.3
@@ -69,8 +69,11 @@ def stations(edge: jax.Array) -> jax.Array:
     return jnp.stack([jnp.interp(z, edge[:, 2], edge[:, 0]), jnp.interp(z, edge[:, 2], edge[:, 1]), z], axis=1)
 
 
-def efficiency(leading: jax.Array, trailing: jax.Array) -> jax.Array:
-    """Ideal induced drag by that of a wing whose edges go through some points, at the lift asked for."""
+def loading(leading: jax.Array, trailing: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Ends of the strips of a wing with these edges, their circulation at the lift asked for, and its efficiency.
+
+    This is the ideal induced drag, of an elliptic load, by that of the wing.
+    """
     leading, trailing = stations(leading), stations(trailing)
     quarter = leading + 0.25 * (trailing - leading)
     chords = trailing - leading
@@ -92,7 +95,7 @@ def efficiency(leading: jax.Array, trailing: jax.Array) -> jax.Array:
     between = 0.5 * (z[1:] + z[:-1])[:, None]
     downwash = ((1.0 / (between - z) - 1.0 / (between + z)) @ shed) / (2.0 * jnp.pi)
     drag = jnp.abs(jnp.sum(strength * downwash * width) / area)
-    return LIFT**2 / (jnp.pi * 2.0 * z[-1] ** 2 / area) / drag
+    return z, strength, LIFT**2 / (jnp.pi * 2.0 * z[-1] ** 2 / area) / drag
 
 
 def descend(function, start: np.ndarray, n_steps: int) -> tuple[np.ndarray, list[float]]:
@@ -134,37 +137,36 @@ def main(figures=None, n_steps: int = 25) -> dict:
     nodes, cells = grid(wing.model, shape), quality(wing.model, ["corner_ks"])
     leading, trailing = edge_rows(wing)
 
-    def efficiency_of(twist: jax.Array) -> jax.Array:
-        x = nodes({"twist": twist})
-        return efficiency(x[leading], x[trailing])
-
     def loss(twist: jax.Array) -> jax.Array:
         x = nodes({"twist": twist})
         short = jnp.maximum(0.0, WORST_CORNER - cells(x)["corner_ks"])
-        return 1.0 / efficiency(x[leading], x[trailing]) + (short / WORST_CORNER) ** 2
+        return 1.0 / loading(x[leading], x[trailing])[2] + (short / WORST_CORNER) ** 2
 
     twist, history = descend(loss, np.array(START), n_steps)
-    moved = nodes({"twist": twist})
+    wings = {"start": nodes({"twist": np.array(START)}), "end": (moved := nodes({"twist": twist}))}
+    loads = {name: loading(x[leading], x[trailing]) for name, x in wings.items()}
     found = bm.grids.report_quality(bm.grids.GridQuality.of_baseline(wing.model.baseline), np.asarray(moved))
     numbers = {
-        "efficiency": {"start": float(efficiency_of(np.array(START))), "end": float(efficiency_of(twist))},
+        "efficiency": {name: float(found[2]) for name, found in loads.items()},
         "twist": twist.tolist(),
         "history": history,
         "inverted": found.n_inverted,
         "corner": float(cells(moved)["corner_ks"]),
     }
     if figures is not None:
-        with figure(figures, "jax_descent", (8.0, 3.2)) as canvas:
-            left, right = canvas.subplots(1, 2)
-            left.semilogy(np.array(history) - 0.999 * min(history), color=BLUE)
-            left.set(xlabel="step", ylabel="above the best")
-            places = np.linspace(0.0, 1.0, len(START))
-            right.plot(places, START, "--", color=GRAY, label="start")
-            right.plot(places, twist, color=BLUE, label="end")
-            right.set(xlabel="part of the span", ylabel="twist (degrees)")
-            right.legend()
+        with figure(figures, "jax_descent", (9.6, 3.0)) as canvas:
+            descent, load, angles = canvas.subplots(1, 3)
+            descent.plot(history, ".-", color=BLUE)
+            descent.set(xlabel="step that was taken", ylabel="1 / efficiency, and penalty")
+            descent.xaxis.get_major_locator().set_params(integer=True)
+            for (name, (ends, strength, _)), color in zip(loads.items(), (GRAY, BLUE)):
+                draw_span_load(load, np.asarray(ends), np.asarray(strength), color=color, label=name)
+                draw_twist(angles, wing.model, np.asarray(wings[name]), color=color)
+            draw_ellipse(load)
     return numbers
 
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/thumbnails/jax_descent.png'

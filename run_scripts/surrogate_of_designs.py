@@ -99,15 +99,18 @@ def main(figures=None, n: int = 16, n_unseen: int = 32) -> dict:
         name: float(np.sqrt(np.mean((found - exact) ** 2)) / np.ptp(exact)) for name, found in predicted.items()
     }
     if figures is not None:
-        with figure(figures, "surrogate_of_designs", (4.5, 4.0)) as canvas:
+        with figure(figures, "surrogate_of_designs", (4.1, 4.1)) as canvas:
             axes = canvas.subplots()
-            for (name, found), color in zip(predicted.items(), (BLUE, GRAY)):
-                axes.plot(exact, found, "o", color=color, label=name.replace("_", " "))
             axes.axline((exact.min(), exact.min()), slope=1.0, color="black", linewidth=0.7)
-            axes.set(xlabel="bound of Q", ylabel="surrogate")
-            axes.legend()
+            styles = (BLUE, "o", "values and gradients"), (GRAY, "x", "values alone")
+            for found, (color, marker, label) in zip(predicted.values(), styles):
+                axes.plot(exact, found, marker, color=color, markersize=4.5, label=label)
+            axes.set(xlabel="bound of the smallest Q of a wing", ylabel="by the surrogate", aspect="equal")
+            axes.legend(title=f"kriging of {n} wings", alignment="left")
     return numbers
 
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/thumbnails/surrogate_of_designs.png'

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 import bspline_mdao as bm
-from bspline_mdao.plotting import BLUE, RED, figure
+from bspline_mdao.plotting import BLUE, ORANGE, figure
 from bspline_mdao.scripts import run
 from bspline_mdao.torch import grid, measures, quality
 
@@ -93,8 +93,8 @@ def train(task: Task, weight: float, n_steps: int, n_together: int) -> tuple[Des
     return network, losses
 
 
-def judge(task: Task, network: Designer, n: int) -> dict:
-    """Look at what a network proposes for requests that it has not seen."""
+def judge(task: Task, network: Designer, n: int) -> tuple[dict, np.ndarray]:
+    """Look at what a network proposes for requests that it has not seen; bounds of the cells of each."""
     cells = bm.grids.GridQuality.of_baseline(task.wing.model.baseline)
     rows = []
     with torch.no_grad():
@@ -103,12 +103,13 @@ def judge(task: Task, network: Designer, n: int) -> dict:
             n_inverted = bm.grids.report_quality(cells, nodes.numpy()).n_inverted
             rows.append([abs(volume - request[0]), abs(height - request[1]), corner, n_inverted > 0])
     volumes, heights, corners, inverted = np.array(rows, dtype=float).T
-    return {
+    numbers = {
         "volume_error": float(volumes.mean()),
         "height_error": float(heights.mean()),
         "worst_corner": float(corners.min()),
         "inverted": int(inverted.sum()),
     }
+    return numbers, corners
 
 
 def main(figures=None, n_steps: int = 40, n_together: int = 4, n_seen: int = 12) -> dict:
@@ -129,20 +130,29 @@ def main(figures=None, n_steps: int = 40, n_together: int = 4, n_seen: int = 12)
         For ``with_cells`` and ``without``: mean ``volume_error`` and ``height_error`` (m), ``worst_corner``, and how
         many proposals are ``inverted``; ``losses`` at the start and at the end.
     """
-    task, numbers = Task(), {}
-    drawn = {}
+    task, numbers, drawn = Task(), {}, {}
     for name, weight in (("with_cells", 1.0), ("without", 0.0)):
-        network, drawn[name] = train(task, weight, n_steps, n_together)
-        numbers[name] = {**judge(task, network, n_seen), "losses": [drawn[name][0], drawn[name][-1]]}
+        network, losses = train(task, weight, n_steps, n_together)
+        found, corners = judge(task, network, n_seen)
+        numbers[name], drawn[name] = {**found, "losses": [losses[0], losses[-1]]}, (losses, corners)
     if figures is not None:
-        with figure(figures, "torch_designer", (5.0, 3.2)) as canvas:
-            axes = canvas.subplots()
-            for (name, losses), color in zip(drawn.items(), (BLUE, RED)):
-                axes.semilogy(losses, color=color, label=name.replace("_", " "))
-            axes.set(xlabel="step", ylabel="loss")
-            axes.legend()
+        heights = requests(n_seen, seed=10_000)[:, 1]
+        with figure(figures, "torch_designer", (8.0, 3.2)) as canvas:
+            left, right = canvas.subplots(1, 2)
+            for (losses, corners), color, width, label in zip(
+                drawn.values(), (BLUE, ORANGE), (2.4, 1.2), ("trained with the cells", "without them")
+            ):
+                left.semilogy(losses, color=color, linewidth=width, label=label)
+                right.plot(heights, corners, "o", color=color, markersize=3.0 + width, label=label)
+            right.axhline(0.0, color="black", linewidth=0.7)
+            left.set(xlabel="step", ylabel="loss of the requests of a step")
+            right.set(xlabel="height of the tip that is asked for (m)", ylabel="bound of the worst corner")
+            right.annotate("inverted below", (0.98, 0.0), xycoords=("axes fraction", "data"), ha="right", va="top")
+            left.legend()
     return numbers
 
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/thumbnails/torch_designer.png'
