@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator, CubicSpline
+from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolator
 
 from .cuts import cut_lines
 
@@ -61,10 +61,14 @@ def outlines_at(
 def curve_through(
     points: np.ndarray,  # (n, d), along an edge or a distribution
 ) -> np.ndarray:  # (m, d)
-    """Modified Akima splines, which keep straight parts straight next to a kink and do not overshoot."""
+    """Modified Akima splines, which keep straight parts straight next to a kink; the abscissa turns at points alone."""
     points = points[np.linalg.norm(np.diff(points, axis=0, prepend=points[:1] + 1.0), axis=1) > 0.0]
+    if len(points) < 3:
+        return points
     lengths = _lengths(points)
-    return Akima1DInterpolator(lengths, points, method="makima")(_dense(lengths)) if len(points) > 2 else points
+    curve = Akima1DInterpolator(lengths, points, method="makima")(_dense(lengths))
+    curve[:, 0] = PchipInterpolator(lengths, points[:, 0])(_dense(lengths))  # Akima's doubles back beside steps
+    return curve
 
 
 def _lengths(points: np.ndarray) -> np.ndarray:

@@ -42,6 +42,13 @@ def test_straight_parts_stay_straight_beside_a_kink():
     assert off.max() < 0.01
 
 
+def test_a_steep_distribution_does_not_double_back():
+    x = np.array([0.008, 0.012, 0.014, 0.020, 0.028, 0.040, 0.060, 0.120])
+    pressures = np.array([0.75, 0.49, 0.48, 0.47, 0.26, 0.24, 0.16, 0.02])  # on the lower side behind a blunt nose
+    drawn = curve_through(np.stack([x, pressures], axis=1))
+    assert (np.diff(drawn[:, 0]) > 0.0).all()
+
+
 def test_points_that_coincide_are_taken_once():
     tip = np.array([[0.0, 1.0], [0.5, 1.0], [0.5, 1.0], [0.7, 1.0]])
     np.testing.assert_allclose(curve_through(tip)[:, 1], 1.0)
