@@ -96,7 +96,7 @@ def failures_are_those_of_all(model):
     other = Partition.of(model.topology, COMM.size + 1)
     assert f"one of {COMM.size + 1} processes" in raised(lambda: chain(model, partition=other), InputError)
     rows = Subdomain.of_rows([0, 1, 2], model.topology.n_nodes)
-    assert "give the Partition" in raised(lambda: chain(model, partition=rows), InputError)
+    assert "give its Partition" in raised(lambda: chain(model, partition=rows), InputError)
 
 
 MODEL = fit_grid(onera_m6_grid((5, 5, 5)))
