@@ -62,7 +62,7 @@ def curve_through(
     points: np.ndarray,  # (n, d), along an edge or a distribution
 ) -> np.ndarray:  # (m, d)
     """Modified Akima splines, which keep straight parts straight next to a kink; the abscissa turns at points alone."""
-    points = points[np.linalg.norm(np.diff(points, axis=0, prepend=points[:1] + 1.0), axis=1) > 0.0]
+    points = points[np.linalg.norm(np.diff(points, axis=0, prepend=points[:1] + 1.0), axis=1) > SAME * np.ptp(points)]
     if len(points) < 3:
         return points
     lengths = _lengths(points)

@@ -52,6 +52,8 @@ def test_a_steep_distribution_does_not_double_back():
 def test_points_that_coincide_are_taken_once():
     tip = np.array([[0.0, 1.0], [0.5, 1.0], [0.5, 1.0], [0.7, 1.0]])
     np.testing.assert_allclose(curve_through(tip)[:, 1], 1.0)
+    nearly = tip + np.array([[0.0, 0.0], [0.0, 0.0], [1e-17, 1e-17], [0.0, 0.0]])
+    np.testing.assert_allclose(curve_through(nearly)[:, 1], 1.0)
     assert curve_through(tip[:1]).shape == (1, 2)
 
 
