@@ -228,7 +228,66 @@ def testing(drawing) -> None:
     axes.legend(fontsize=8)
 
 
+def components(drawing) -> None:
+    """The chain of components and the variables between them."""
+    (axes,) = panels(drawing, ("",))
+    ends = {"Fit": (0.0, 0.5), "ControlMeshMove": (2.2, 3.9), "GridEvaluate": (5.3, 6.6), "Quality": (7.4, 8.3)}
+    middles = {name: sum(sides) / 2 for name, sides in ends.items()}
+    arrow = {"arrowstyle": "->", "color": GRAY, "shrinkA": 0, "shrinkB": 0}
+
+    def flows(start, end, at, name, color):
+        axes.annotate("", end, start, arrowprops=arrow)
+        axes.text(*at, name, ha="center", va="center", fontsize=8, color=color)
+
+    for name, (left, right) in ends.items():
+        axes.fill([left, right, right, left], [-0.35, -0.35, 0.35, 0.35], facecolor="#e5eef6", edgecolor=BLUE)
+        axes.text(middles[name], 0.0, name, ha="center", va="center", fontsize=9)
+    boxes = list(ends.values())
+    for left, right, name in zip(boxes, boxes[1:], ("control_points_initial", "control_points", "grid")):
+        flows((left[1], 0.0), (right[0], 0.0), ((left[1] + right[0]) / 2, 0.2), name, GRAY)
+    for name, variable in {"Fit": "grid_initial", "ControlMeshMove": "surface_control_points"}.items():
+        flows((middles[name], 1.0), (middles[name], 0.35), (middles[name], 1.2), variable, ORANGE)
+    for name, variable in {"GridEvaluate": "grid, for a flow", "Quality": "corner_ks, quality_ks"}.items():
+        flows((middles[name], -0.35), (middles[name], -1.0), (middles[name], -1.2), variable, GREEN)
+    axes.set(xlim=(-0.4, 8.9), ylim=(-1.4, 1.4))
+    axes.set_axis_off()
+
+
+def bridges(drawing) -> None:
+    """A gradient by JAX: of the area of a section in its control points."""
+    import jax  # of an extra
+
+    jax.config.update("jax_enable_x64", True)
+    row = panels(drawing, ("control points of the wall", "jax.grad of the section's area in these points"))
+    wing = bm.DesignSurface.of(bm.fit_grid(bm.generators.airfoil_grid("naca2412", 48, 24), n_control=(17, 9, 2)))
+    nodes, area = bm.jax.grid(wing.model), bm.jax.measures([bm.measures.SectionArea.of(wing.surface)])
+    gradient = jax.grad(lambda points: sum(value.sum() for value in area(nodes(points)[wing.surface.rows]).values()))
+    start, ids = wing.model.control_points, bm.movers.moving_mesh(wing.model).surface_ids
+    points, arrows = start[ids][:, :2], np.asarray(gradient(jax.numpy.asarray(start)))[ids][:, :2]
+    for axes in row:
+        draw_net(axes, in_plane(wing.model.regenerate().blocks[0]), color="#cccccc", **NET)
+        axes.plot(*points.T, ".", color=ORANGE, markersize=5)
+        axes.set(**AROUND | {"ylim": (-0.3, 0.3), "xlim": (-0.15, 1.15)})
+    row[1].quiver(*points.T, *arrows.T, color=BLUE, angles="xy", width=0.004)
+
+
+def errors(drawing) -> None:
+    """A cell that tangles, as its error names it."""
+    row = panels(drawing, ("corners are positive", "one corner is negative"))
+    square = np.stack(np.meshgrid(np.arange(4.0), np.arange(3.0), indexing="ij"), axis=-1)
+    for axes, shift in zip(row, (0.35, 1.35)):
+        net = square.copy()
+        net[1, 1] += [shift, 0.15 * shift]
+        draw_net(axes, net, color=GRAY, linewidth=0.9)
+        if shift > 1.0:
+            axes.fill(*net[[1, 2, 2, 1], [1, 1, 2, 2]].T, color=RED, alpha=0.25, linewidth=0.0)
+        axes.plot(*net[1, 1], ".", color=RED if shift > 1.0 else BLUE, markersize=9)
+        axes.set(aspect="equal")
+        axes.set_axis_off()
+
+
 PICTURES = {
+    components: (8.0, 1.9), bridges: (8.0, 2.2), errors: (5.5, 2.0),
     grids: (8.0, 2.4), generators: (8.0, 2.2), fit: (8.0, 1.9), measures: (7.0, 2.0), movers: (8.0, 1.8),
     flow: (8.0, 2.6), optimisation: (7.0, 3.0), sampling: (6.5, 2.6), testing: (5.5, 2.9),
 }  # fmt: skip

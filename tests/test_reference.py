@@ -50,6 +50,11 @@ def test_the_reference_shows_every_public_name_once_and_nothing_else():
     assert set(SHOWN) == names, "add new names to the page of docs/reference that they belong to"
 
 
+@pytest.mark.parametrize("page", PAGES)
+def test_every_page_of_the_reference_shows_a_picture(page):
+    assert re.search(r"^\.\. (figure|image):: ", (DOCS / f"{page}.rst").read_text(), re.M)
+
+
 def test_the_reference_says_what_every_namespace_is_for():
     page = (DOCS / "api.rst").read_text()
     assert re.findall(r"^   \* - ``bspline_mdao\.(\w+)``$", page, re.M) == sorted(SPACES)
