@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import combinations
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -56,6 +57,12 @@ _SMALL = 1e-2
 """Angle (rad) below which sin(a) / a and (1 - cos(a)) / a are computed from their series, which are accurate to
 round-off there and avoid division by zero."""
 
+SCALED_AFTER_TURN = (
+    "chord and thickness scale along fixed axes, so they change angles made before them; ask for them before twist, "
+    "pitch, bend and rotate to keep these"
+)
+"""Note on a deformation that turns sections first and scales them then."""
+
 
 @dataclass(frozen=True, eq=False)
 class Deformation(OneLine):
@@ -66,8 +73,11 @@ class Deformation(OneLine):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Lines in reports from maps that know more than their amounts, such as maps from files."""
-        return tuple(point_map.note for point_map in self.maps if hasattr(point_map, "note"))
+        """Lines in reports: from maps that know more than their amounts, and on an order that changes angles."""
+        notes = tuple(point_map.note for point_map in self.maps if hasattr(point_map, "note"))
+        pairs = combinations(map(type, self.maps), 2)
+        is_late = any(before in TURNED.get(after, ()) for before, after in pairs)
+        return (*notes, SCALED_AFTER_TURN) if is_late else notes
 
     def apply(
         self,
@@ -292,6 +302,10 @@ class Rotate:
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Move points (n, 3), in metres."""
         return about_axis(points, self.hinge, self.amount * self.part.weights(points))
+
+
+TURNED = {ScaleChord: (RotateSections, Pitch, Rotate), ScaleThickness: (RotateSections, Pitch, Rotate, Bend)}
+"""Maps before which a scaling is to come, since they turn sections away from the axis along which it scales."""
 
 
 @dataclass(frozen=True, eq=False)

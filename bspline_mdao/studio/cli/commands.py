@@ -49,7 +49,8 @@ DEFORM = (
     "Deformation of the design surface, such as twist=10deg, bend=120deg@0.7, stretch=2, chord, thickness, sweep, "
     "dihedral, pitch, rotate=20deg@chord 0.7,blend=0.05, radius=1.1@axis(0,0,0 -> 1,0,0), axial, "
     "translate=0.1/0/0, bumps=0.01,seed=1, ffd=box.xyz,to=moved.xyz, cad=wing.step,to=moved.step; or a file of its new "
-    "control points (.csv, .npy). May be repeated; deformations are applied in order."
+    "control points (.csv, .npy). May be repeated; deformations are applied in order: give chord and thickness first, "
+    "since their axes do not turn."
 )
 """Help of the option for deformations."""
 

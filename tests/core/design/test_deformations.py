@@ -7,6 +7,7 @@ import pytest
 
 from bspline_mdao import InputError, find_topology, fit_grid, read_grid
 from bspline_mdao.core.design.deformation import (
+    SCALED_AFTER_TURN,
     Bend,
     Deformation,
     Pitch,
@@ -26,7 +27,7 @@ from bspline_mdao.core.design.deformation import (
 from bspline_mdao.core.design.hinge import NearestPart, RotatedPart
 from bspline_mdao.core.design.lattice_deformation import LatticeDeformation
 from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints
-from bspline_mdao.core.mesh.frame import Plane, mesh_planes, surface_frame
+from bspline_mdao.core.mesh.frame import Frame, Plane, mesh_planes, surface_frame
 from bspline_mdao.design import Lattice, parse_deformation
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.io.patch_guess import guess_patches
@@ -318,6 +319,25 @@ def test_a_lattice_deforms_as_its_points_move_from_one_file_to_the_other(model, 
     moved.write_text(moved.read_text().replace("4 2 3", "2 4 3"))
     with pytest.raises(InputError, match=r"moved.xyz: has \(2, 4, 3\) points, and .*box.xyz has \(4, 2, 3\)"):
         parse_deformation(f"ffd={box},to={moved}", model, mesh)
+
+
+@pytest.mark.parametrize("turn", ["twist=5", "pitch=5", "bend=40@0.6", "rotate=5@hinge(0.5,0,0 -> 0.5,0,1),patches=*"])
+def test_a_scaling_after_a_turn_changes_its_angle_and_is_noted(model, mesh, turn):
+    late = parse_deformation(["stretch=1.1", turn, "sweep=2", "thickness=1.1"], model, mesh)
+    assert late.notes == (SCALED_AFTER_TURN,)
+    is_about_the_stream = turn.startswith("bend")  # which keeps lengths along the stream
+    noted = () if is_about_the_stream else (SCALED_AFTER_TURN,)
+    assert parse_deformation([turn, "chord=0.9"], model, mesh).notes == noted
+    assert parse_deformation(["chord=0.9", "thickness=1.1", turn, "stretch=2"], model, mesh).notes == ()
+    frame = Frame(np.zeros(3), np.eye(3), 1.0, 1.0, np.zeros((2, 2)))
+    maps = {"thickness": ScaleThickness(frame, 1.1), "pitch": Pitch(frame, np.radians(-5.0), 0.0)}
+
+    def angle(*order):
+        x, y, _ = Deformation(mesh, tuple(map(maps.get, order))).apply_to_nodes(np.array([[1.0, 0.0, 0.5]]))[0]
+        return np.degrees(np.arctan2(y, x))
+
+    np.testing.assert_allclose(angle("thickness", "pitch"), 5.0, rtol=1e-12)
+    np.testing.assert_allclose(angle("pitch", "thickness"), 5.4972, rtol=1e-4)
 
 
 def test_deformations_are_done_one_after_the_other_each_on_what_the_last_has_left(model, mesh, surface):
