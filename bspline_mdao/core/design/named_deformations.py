@@ -19,6 +19,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..cad.tied_surface import body_of_file, require_on_faces
+from ..measures.blunt_end import is_blunt_downstream, stream_axis
 from ..measures.edge_cuts import cut_edges, edges_of_quads
 from ..mesh.control_net import surface_quads
 from ..mesh.frame import Frame, Plane, mesh_planes, surface_frame
@@ -53,6 +54,7 @@ __all__ = [
     "parse_deformation",
     "parse_requests",
     "read_points",
+    "stream_warnings",
 ]
 
 SUFFIXES = (".csv", ".dat", ".npy", ".txt")
@@ -66,6 +68,9 @@ _POINT = rf"\s*({_NUMBER})\s*,\s*({_NUMBER})\s*,\s*({_NUMBER})\s*"
 
 _STEEPEST = 1.5
 """Largest slope of the fading of a blend, times its length."""
+
+_STREAMWISE = RotateSections, Pitch, ShearDownstream
+"""Maps whose signs depend on which end of the surface is upstream."""
 
 _INBOARD = 0.1
 """Fraction of the span inboard of an arc from which points count towards the surface thickness on it, which may have no
@@ -121,6 +126,20 @@ def parse_deformation(spec: str | Sequence[str], model: HasWallSpacing, mesh: Mo
         maps.append(_make(request, surface))
         surface = replace(surface, points=maps[-1].apply(surface.points), before=tuple(maps))
     return Deformation(mesh, tuple(maps))
+
+
+def stream_warnings(deformation: Deformation, model: Any) -> tuple[str, ...]:
+    """Warnings of a surface whose stream may be taken the wrong way, if the deformation depends on that."""
+    if not any(isinstance(point_map, _STREAMWISE) for point_map in deformation.maps):
+        return ()
+    walls = SurfaceGrid.of(model, designed_patches(model, deformation.mesh) or None)
+    frame = surface_frame(walls.points, walls.planes)
+    if not is_blunt_downstream(walls.points, walls.quads, frame):
+        return ()
+    return (
+        f"the stream is taken to run along +{stream_axis(frame)}, and the downstream end of the sections is the blunt "
+        f"one; turn the mesh, or change the signs of twist, pitch and sweep",
+    )
 
 
 @dataclass(frozen=True, eq=False)

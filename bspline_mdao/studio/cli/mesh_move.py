@@ -18,7 +18,7 @@ from ...core.background.mesh_map import MeshState
 from ...core.background.mesh_model import MeshModel
 from ...core.background.open_mesh_file import open_mesh_file
 from ...core.cad.files import SUFFIXES
-from ...core.design.named_deformations import parse_deformation
+from ...core.design.named_deformations import parse_deformation, stream_warnings
 from ...core.movement.mover import Movement
 from ...errors import InputError, MovementError
 from ...grids.cells.overlap_change import OverlapChange
@@ -57,7 +57,8 @@ class _Moved:
     seconds: float
     overlap: OverlapChange | None = None  # of a grid of blocks
     split: tuple[float, str] = (0.0, "")  # largest difference of the deformation between periodic copies, and where
-    notes: tuple[str, ...] = ()  # remarks of the deformations
+    notes: tuple[str, ...] = ()  # remarks of the deformations, and what may be wrong with them
+    warnings: tuple[str, ...] = ()
     n_inverted_before: int = 0  # cells that the lattice of the model inverted, if it was refined for the move
 
     @property
@@ -134,8 +135,8 @@ def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     state = model.node_map.at(movement.points)
     seconds = working_seconds() - start
     judged = MovedMesh.of(model, movement.points, state.nodes, is_proved=not options.no_certify)
-    split, notes = model.split_copies(deformation), deformation.notes
-    return _Moved(model, surface, movement, state, judged, seconds, split=split, notes=notes)
+    split, remarks = model.split_copies(deformation), (deformation.notes, stream_warnings(deformation, model))
+    return _Moved(model, surface, movement, state, judged, seconds, None, split, *remarks)
 
 
 def _overlap(model: MeshModel, file: BlockMeshFile, nodes: np.ndarray) -> OverlapChange:
@@ -240,7 +241,7 @@ def _show(output: Path, moved: _Moved) -> None:
     if moved.overlap is not None:
         print_lines(moved.overlap.lines())
     print_lines([f"{output} written, {moved.seconds:.2f} s for the move"])
-    print_warnings([*unit_warnings(output, mesh), *moved.mesh.warnings(), *_split_lines(moved)])
+    print_warnings([*moved.warnings, *unit_warnings(output, mesh), *moved.mesh.warnings(), *_split_lines(moved)])
 
 
 def _split_lines(moved: _Moved) -> list[str]:

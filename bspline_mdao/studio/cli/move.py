@@ -20,7 +20,7 @@ from ...core.cad.files import SUFFIXES
 from ...core.cad.opencascade import require_opencascade
 from ...core.cad.write_cad import write_cad
 from ...core.design.deformation import Deformation
-from ...core.design.named_deformations import PrescribedPoints, parse_deformation
+from ...core.design.named_deformations import PrescribedPoints, parse_deformation, stream_warnings
 from ...core.fit.surface_fit import SurfaceFollower, SurfaceMiss
 from ...core.mesh.boundary import moving_mesh
 from ...core.mesh.moving_mesh import MovingMesh
@@ -111,7 +111,8 @@ class Moved:
     slid_off: float | None  # largest distance (m) of sliding nodes from their surfaces; None if none slide
     periodic: list[dict]  # periodic sides, before and after
     split: tuple[float, str]  # largest difference of the deformation between walls on both sides of these, and where
-    notes: tuple[str, ...]  # remarks of the deformations
+    notes: tuple[str, ...]  # remarks of the deformations, and what may be wrong with them
+    warnings: tuple[str, ...]
 
     @property
     def largest_displacement(self) -> float:
@@ -197,8 +198,8 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: 
     before, after = (each.to_vector().reshape(-1, 3) for each in (baseline, grid))
     off = SlidingNodes.of(model.topology, before, mesh.slides).off(after) if mesh.curved_slides else None
     periodic = block_numbers(model.topology, baseline, grid), split
-    compared, notes = _compared(baseline, grid, options), deformation.notes
-    return Moved(mesh, model.control_points, surface, movement, grid, miss, *compared, gaps, off, *periodic, notes)
+    compared, remarks = _compared(baseline, grid, options), (deformation.notes, stream_warnings(deformation, model))
+    return Moved(mesh, model.control_points, surface, movement, grid, miss, *compared, gaps, off, *periodic, *remarks)
 
 
 def _grid(
@@ -358,7 +359,7 @@ def _row(number: int, increment: IncrementReport) -> tuple:
 
 def _warnings(moved: Moved) -> list[str]:
     """List what is wrong with a move that was made."""
-    warnings = []
+    warnings = [*moved.warnings]
     if moved.largest_displacement == 0.0:
         warnings.append("the deformation moves no point of the design surface")
     stranded = moved.mesh.stranded_blocks()

@@ -237,9 +237,18 @@ def _condition(name: str, mach: float, more: list[str], summed: str) -> Iterator
     yield ""
 
 
+def _axes(body: Body) -> Iterator[str]:
+    """Axes, and whether the grid seems to lie the other way round."""
+    if body.axes and body.is_backwards:
+        where = f"along +{body.axes[0]}, and the downstream end of the sections is the blunt one"
+        yield f"# the stream is taken to run {where}:"
+        yield "# turn the grid by 180 degrees first"
+    yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
+
+
 def _frame(body: Body) -> Iterator[str]:
     """Axes and references of a section."""
-    yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
+    yield from _axes(body)
     yield f"# reference_area = {body.area:.6g}  # chord times depth of the grid, the default"
     yield ""
 
@@ -302,7 +311,7 @@ def _wing(body: Body, variables: list[str], others: list[str]) -> Iterator[str]:
         yield f"alpha = {ALPHA}  # angle of attack of the baseline, degrees: set yours, and its lift below"
     known = EULER if body.why_no_lattice else LATTICE
     yield f"Mach_number = {MACH}  # set yours; {known.lowest:g} to {known.highest:g} were compared with others"
-    yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
+    yield from _axes(body)
     yield f"# reference_area = {body.area:.6g}  # planform area of the walls in units of the grid, the default"
     yield ""
     yield "# [conditions.cruise]  # a table per flight condition; the objective is their mean"

@@ -26,7 +26,7 @@ from bspline_mdao.core.design.deformation import (
 )
 from bspline_mdao.core.design.hinge import NearestPart, RotatedPart
 from bspline_mdao.core.design.lattice_deformation import LatticeDeformation
-from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints
+from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints, stream_warnings
 from bspline_mdao.core.mesh.frame import Frame, Plane, mesh_planes, surface_frame
 from bspline_mdao.design import Lattice, parse_deformation
 from bspline_mdao.generators import onera_m6_grid
@@ -319,6 +319,19 @@ def test_a_lattice_deforms_as_its_points_move_from_one_file_to_the_other(model, 
     moved.write_text(moved.read_text().replace("4 2 3", "2 4 3"))
     with pytest.raises(InputError, match=r"moved.xyz: has \(2, 4, 3\) points, and .*box.xyz has \(4, 2, 3\)"):
         parse_deformation(f"ffd={box},to={moved}", model, mesh)
+
+
+def test_a_surface_that_flies_backwards_is_warned_of_where_the_stream_matters(model, mesh):
+    grid = onera_m6_grid((15, 13, 13))
+    blocks = tuple(replace(block, nodes=block.nodes * [-1.0, -1.0, 1.0]) for block in grid.blocks)
+    backwards = fit_grid(replace(grid, blocks=blocks), n_control=(7, 6, 6))
+    control = moving_mesh(backwards)
+    for text in ("twist=5", "pitch=5", "stretch=2+sweep=5"):
+        (warning,) = stream_warnings(parse_deformation(text, backwards, control), backwards)
+        assert warning.startswith("the stream is taken to run along +x, and the downstream end of the sections is the ")
+        assert stream_warnings(parse_deformation(text, model, mesh), model) == ()
+    for text in ("stretch=2", "translate=0.1/0/0", "thickness=1.1", "bumps=0.01"):
+        assert stream_warnings(parse_deformation(text, backwards, control), backwards) == ()
 
 
 @pytest.mark.parametrize("turn", ["twist=5", "pitch=5", "bend=40@0.6", "rotate=5@hinge(0.5,0,0 -> 0.5,0,1),patches=*"])

@@ -1,5 +1,7 @@
 """Drafted studies compare designs at one lift, and leave to the angle of attack what it does."""
 
+from dataclasses import replace
+
 import openmdao.api as om
 import pytest
 from study_cases import study_of
@@ -49,6 +51,13 @@ def test_euler_flow_is_drafted_with_trim(grid, tmp_path, monkeypatch):
     assert list(study.variables) == ["twist"]
     assert study.variables["twist"]["values"] == list(range(2, study.variables["twist"]["stations"] + 1))
     assert "CL" not in study.constraints
+
+
+def test_a_draft_says_if_the_wing_seems_to_fly_backwards(grid):
+    blocks = tuple(replace(block, nodes=block.nodes * [-1.0, -1.0, 1.0]) for block in grid.blocks)
+    texts = [study_draft("wing.xyz", None, GridBody(g, find_topology(g))) for g in (grid, replace(grid, blocks=blocks))]
+    said = "# the stream is taken to run along +x, and the downstream end of the sections is the blunt one:\n# turn the"
+    assert [said in text for text in texts] == [False, True]
 
 
 def test_without_openaerostruct_the_lift_is_an_estimate_to_be_set(grid, tmp_path, monkeypatch):
