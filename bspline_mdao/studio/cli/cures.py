@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,9 @@ from ...core.mesh.moving_mesh import MovingMesh
 from ...errors import InputError, MovementError
 from ...grids.topology.topology import Topology
 from .movers import MoverOptions
+from .output import print_lines
 
-__all__ = ["Trial", "proposals", "try_cures", "verdict"]
+__all__ = ["Trial", "proposals", "tried", "try_cures", "verdict"]
 
 MANY = 10
 """Increments of elasticity to try: a control mesh that tangles with fewer may not tangle."""
@@ -103,13 +105,19 @@ def try_cures(
     """Try `proposals` until one inverts no cell; ``count`` makes a move and counts the cells that it inverts."""
     trials: list[Trial] = []
     for text, changed in proposals(options, topology, mesh, adjacent):
-        try:
-            trials.append(Trial(text, count(changed)))
-        except (InputError, MovementError):
-            trials.append(Trial(text, None))
+        trials.append(tried(text, partial(count, changed)))
         if trials[-1].n_inverted == 0:
             break
     return trials
+
+
+def tried(text: str, count: Callable[[], int]) -> Trial:
+    """Make a trial move, which may take minutes, and say so; ``count`` makes it and counts the inverted cells."""
+    print_lines([f"the move inverts cells; trying {text}"])
+    try:
+        return Trial(text, count())
+    except (InputError, MovementError):
+        return Trial(text, None)
 
 
 def verdict(trials: Sequence[Trial]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from ...core.movement.mover import Movement
 from ...errors import InputError, MovementError
 from ...grids.cells.overlap_change import OverlapChange
 from ...grids.io.meshes.blocks import BlockMeshFile
-from .cures import Trial, verdict
+from .cures import Trial, tried, verdict
 from .mesh_fit import lattice_numbers, show_lattice
 from .mesh_periodic import gap_lines, side_numbers, split_lines
 from .move import MoveOptions, write_points
@@ -96,6 +97,7 @@ def move_mesh(
         moved = _move(model, options)
         if len(moved.cells.newly_inverted) and not options.allow_invalid:
             progress(0.6, "refining the lattice")
+            print_lines(["the move inverts cells; trying the lattice refined for it"])
             refined = _refined(moved, options)
             if refined is None:
                 progress(0.7, "searching for a cure")
@@ -168,15 +170,15 @@ def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:
     trials: list[Trial] = []
     for part in FINER:
         settings, text = _finer(model, part)
-        try:
-            n_inverted = len(_move(model.with_settings(settings), options).cells.newly_inverted)
-        except (InputError, MovementError):
-            trials.append(Trial(text, None))
-            continue
-        trials.append(Trial(text, n_inverted))
-        if not n_inverted:
+        trials.append(tried(text, partial(_n_inverted, model, settings, options)))
+        if trials[-1].n_inverted == 0:
             break
     return trials
+
+
+def _n_inverted(model: MeshModel, settings: LatticeSettings, options: MoveOptions) -> int:
+    """Number of cells that the move inverts with another lattice."""
+    return len(_move(model.with_settings(settings), options).cells.newly_inverted)
 
 
 def _finer(model: MeshModel, part: float) -> tuple[LatticeSettings, str]:

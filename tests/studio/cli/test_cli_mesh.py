@@ -107,7 +107,9 @@ def test_a_move_that_inverts_cells_refines_the_lattice_if_that_cures_it(workplac
         "move.json",
     ]
     assert run(["move", "coarse.h5", *move]) == 0
-    assert "refined for this move" in "".join(capsys.readouterr())
+    shown = capsys.readouterr().out
+    assert shown.startswith("the move inverts cells; trying the lattice refined for it\n")
+    assert "refined for this move" in shown
     assert numbers("move.json")["n_inverted_before_refining"] > 10
     assert numbers("move.json")["n_inverted"]["after"] == 0
     assert run(["move", "two.h5", *move]) == 0

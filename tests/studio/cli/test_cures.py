@@ -78,6 +78,14 @@ def test_trials_end_with_the_first_that_inverts_no_cell():
     assert verdict(trials) == "tried, and no cell is inverted: --comoving; tried in vain: --release side 2 (12 cells)"
 
 
+def test_each_trial_is_printed_before_it_runs(capsys):
+    def count(other):
+        assert capsys.readouterr().out.endswith("the move inverts cells; trying --comoving\n") == other.mover.comoving
+        return 0 if other.mover.comoving else 1
+
+    try_cures(MoveOptions(("twist=1deg",)), TOPOLOGY, mesh_of(GRID), BESIDE, count)
+
+
 def test_where_nothing_helps_a_move_says_so_with_what_was_tried():
     def count(other):
         if other.release:
