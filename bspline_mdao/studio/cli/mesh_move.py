@@ -27,7 +27,7 @@ from ...grids.io.meshes.blocks import BlockMeshFile
 from .cures import Trial, tried, verdict
 from .mesh_fit import lattice_numbers, show_lattice
 from .mesh_periodic import gap_lines, side_numbers, split_lines
-from .move import MoveOptions, write_points
+from .move import MoveOptions, still_lines, write_points
 from .moved_cells import MovedCells
 from .moved_mesh import MovedMesh
 from .movers import MoverOptions
@@ -243,7 +243,8 @@ def _show(output: Path, moved: _Moved) -> None:
     if moved.overlap is not None:
         print_lines(moved.overlap.lines())
     print_lines([f"{output} written, {moved.seconds:.2f} s for the move"])
-    print_warnings([*moved.warnings, *unit_warnings(output, mesh), *moved.mesh.warnings(), *_split_lines(moved)])
+    warnings = [*moved.warnings, *still_lines(largest, float(np.linalg.norm(np.ptp(mesh.points, axis=0))))]
+    print_warnings([*warnings, *unit_warnings(output, mesh), *moved.mesh.warnings(), *_split_lines(moved)])
 
 
 def _split_lines(moved: _Moved) -> list[str]:

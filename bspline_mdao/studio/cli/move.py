@@ -76,6 +76,9 @@ INCREMENT_COLUMNS = ("number", "invalid", "new", "corner", "time (s)", "residual
 FEW_DIGITS = 8.0
 """A warning is given if fewer digits of the displacements are correct."""
 
+STILL = 1e-12
+"""Displacement, relative to the size of the grid, that counts as none: a hinge far off in another unit leaves 1e-61."""
+
 
 @dataclass(frozen=True)
 class MoveOptions:
@@ -357,11 +360,18 @@ def _row(number: int, increment: IncrementReport) -> tuple:
     return (*row, solve.seconds, solve.residual, solve.iterations, f"{solve.digits:.0f}") if solve else row
 
 
+def still_lines(
+    largest: float,  # largest displacement of a point of the surface (m)
+    size: float,  # size of the grid (m)
+) -> list[str]:
+    """Say if a deformation moves nothing."""
+    said = "the deformation moves no point of the design surface; check its axis, place and unit"
+    return [said] if largest <= STILL * size else []
+
+
 def _warnings(moved: Moved) -> list[str]:
     """List what is wrong with a move that was made."""
-    warnings = [*moved.warnings]
-    if moved.largest_displacement == 0.0:
-        warnings.append("the deformation moves no point of the design surface")
+    warnings = [*moved.warnings, *still_lines(moved.largest_displacement, moved.mesh.size)]
     stranded = moved.mesh.stranded_blocks()
     if stranded:
         warnings.append(

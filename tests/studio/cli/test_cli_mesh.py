@@ -116,6 +116,18 @@ def test_a_move_that_inverts_cells_refines_the_lattice_if_that_cures_it(workplac
     assert numbers("move.json")["n_inverted_before_refining"] == 0
 
 
+def test_a_move_that_moves_nothing_is_warned_of_for_a_mesh_as_for_a_grid(workplace, capsys):
+    assert run(["fit", "wing.su2", "-o", "mesh.h5"]) == 0
+    assert run(["fit", "@flat_plate:9x8x7", "-o", "grid.h5"]) == 0
+    in_millimetres = "rotate=10deg@hinge(700,0,0 -> 700,0,1000),blend=50"
+    for number, deformation in enumerate(("translate=0/0/0", in_millimetres, "translate=1e-6/0/0")):
+        for model, name in (("mesh.h5", f"{number}.su2"), ("grid.h5", f"{number}.xyz")):
+            capsys.readouterr()
+            assert run(["move", model, "--deform", deformation, "-o", name]) == 0
+            said = "warning: the deformation moves no point of the design surface" in capsys.readouterr().err
+            assert said == (number < 2), (deformation, model)
+
+
 def test_both_planes_of_a_mesh_of_two_dimensions_move_alike(workplace, capsys):
     (workplace / "plane.su2").write_text(plane_su2_text())
     (workplace / "kinds.toml").write_text('[kinds]\n"*" = "farfield"\n"wall*" = "wall"\n"airfoil*" = "wall"\n')
