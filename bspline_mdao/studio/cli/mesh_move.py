@@ -33,6 +33,7 @@ from .moved_mesh import MovedMesh
 from .movers import MoverOptions
 from .output import (
     check_outputs,
+    measure_of_cells,
     print_lines,
     print_title,
     print_warnings,
@@ -196,8 +197,8 @@ def _complaint(moved: _Moved, trials: Sequence[Trial]) -> str:
     new = counted(len(cells.newly_inverted), "cell")
     faces, cell_of_face = mesh.cell_faces
     place = mesh.points[mesh.stored_ids(faces[cell_of_face == worst])].mean(axis=0)
-    what, power = ("area", 2) if mesh.n_copies == 2 else ("volume", 3)
-    size = f"{what} {cells.after.volumes[worst]:.3g} {mesh.length_unit}^{power}"
+    what, unit = measure_of_cells(mesh)
+    size = f"{what} {cells.after.volumes[worst]:.3g} {unit}"
     split = "".join(f"; {line}" for line in _split_lines(moved))
     return (
         f"the move inverts {new} of the mesh, the worst is number {worst + 1} at "

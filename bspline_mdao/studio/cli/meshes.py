@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ...base.numerics.progress import progress_bar
 from ...base.text import counted
+from ...core.background.mesh_model import MeshModel
 from ...core.background.periodic_sides import find_periodic_sides
 from ...errors import InputError
 from ...grids.cells.certificate import Certificate
@@ -20,13 +22,16 @@ from ...grids.cells.node_heights import NodeHeights
 from ...grids.cells.skin_parts import with_markers
 from ...grids.cells.wall_spacing import WallSpacing
 from ...grids.io.disk import replaced_file
+from ...grids.io.formats import MODEL
 from ...grids.io.marker_guess import MarkerGuess
 from ...grids.io.marker_kinds import draft_kinds, marker_kinds, undecided
 from ...grids.io.meshes.files import read_mesh
+from ...grids.topology.length_unit import in_unit
 from .mesh_periodic import gap_lines, side_numbers
 from .output import (
     certificate_numbers,
     check_outputs,
+    measure_of_cells,
     print_lines,
     print_table,
     print_title,
@@ -56,7 +61,7 @@ def inspect_mesh(
     check_outputs([draft, json], [name, patches])
     with progress_bar() as progress:
         progress(0.0, "reading")
-        mesh = with_markers(read_mesh(name).mesh)
+        mesh = in_unit(with_markers(read_mesh(name).mesh), units)
         progress(0.5, "markers")
         kinds = marker_kinds(mesh, patches)
         progress(0.7, "cells")
@@ -81,15 +86,16 @@ def measure_mesh(
     name: str,  # the file
     json: Path | None,  # numbers to write
     patches: Path | None,  # declared kinds of its markers
-    baseline: str | None,  # the mesh before the move
+    baseline: str | None,  # the mesh before the move, or its model
+    units: str | None,  # unit of lengths
 ) -> None:
     """Measure the cells and faces of a mesh and show the results."""
     check_outputs([json], [name, patches, baseline])
     with progress_bar() as progress:
         progress(0.0, "reading")
-        mesh = with_markers(read_mesh(name).mesh)
-        before = mesh if baseline is None else _baseline_of(baseline, mesh, name)
-        kinds = marker_kinds(before, patches)
+        mesh = in_unit(with_markers(read_mesh(name).mesh), units)
+        before, known = (mesh, {}) if baseline is None else _baseline_of(baseline, mesh, name)
+        kinds = known if known and patches is None else marker_kinds(before, patches)
         progress(0.5, "cells")
         quality = mesh_quality(before, mesh.points)
         certificate = Certificate(certify_mixed(before, mesh.points))
@@ -102,7 +108,7 @@ def measure_mesh(
     numbers["periodic"] = periodic
     with written_json(json, numbers):
         pass
-    _show_quality(name, numbers, baseline)
+    _show_quality(name, before, numbers, baseline)
     print_lines(gap_lines(periodic, before.length_unit))
     _show_proved(certificate, before)
 
@@ -119,15 +125,18 @@ def _show_proved(certificate: Certificate, mesh: MixedMesh) -> None:
     print_lines(unproved_lines(mesh))
 
 
-def _baseline_of(baseline: str, mesh: MixedMesh, name: str) -> MixedMesh:
-    """The mesh before the move."""
-    before = with_markers(read_mesh(baseline).mesh)
+def _baseline_of(baseline: str, mesh: MixedMesh, name: str) -> tuple[MixedMesh, dict[str, MarkerGuess]]:
+    """The mesh before the move, from its own file or its model, and the kinds of its markers if that knows them."""
+    model = MeshModel.load(baseline) if Path(baseline).suffix == MODEL else None
+    before = model.mesh if model else with_markers(read_mesh(baseline).mesh)
+    before = replace(before, unit=mesh.unit or before.unit)
+    kinds = {name: MarkerGuess(kind, "sure", f"in {baseline}") for name, kind in model.kinds.items()} if model else {}
     if (before.n_points, before.cell_counts) != (mesh.n_points, mesh.cell_counts):
         raise InputError(
             f"{name}: has {mesh.n_stored:,} nodes and {mesh.n_cells:,} cells, the baseline {baseline} "
             f"{before.n_stored:,} and {before.n_cells:,}; give the mesh that was moved"
         )
-    return before
+    return before, kinds
 
 
 def _heights(
@@ -223,13 +232,14 @@ def _show_mesh(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess], numbers: dict,
         low, high = (", ".join(f"{x:.4g}" for x in numbers["box"][end]) for end in ("low", "high"))
         lines.append(f"from ({low}) to ({high})")
     if numbers["min_volume"] is not None:
-        what = "area" if mesh.n_copies == 2 else "volume"
-        lines.append(f"smallest {what} {numbers['min_volume']:.4g}, {counted(numbers['n_inverted'], 'inverted cell')}")
+        what, unit = measure_of_cells(mesh)
+        least = f"smallest {what} {numbers['min_volume']:.4g} {unit}"
+        lines.append(f"{least}, {counted(numbers['n_inverted'], 'inverted cell')}")
     print_lines([*lines, *unmarked_lines(numbers["n_unmarked_faces"])])
     _show_proved(certificate, mesh)
     walls = numbers["walls"]
     if walls:
-        columns = ["first nodes above", "min", "1 %", "median", "99 %", "max", "aspect"]
+        columns = ["first nodes above", f"min ({mesh.length_unit})", "1 %", "median", "99 %", "max", "aspect"]
         measures = [[*wall["quantiles"].values(), wall["aspect_median"]] for wall in walls]
         if "y_plus" in walls[0]:
             columns.append("y+")
@@ -276,16 +286,16 @@ def _quality_numbers(
     }
 
 
-def _show_quality(name: str, numbers: dict, baseline: str | None) -> None:
+def _show_quality(name: str, mesh: MixedMesh, numbers: dict, baseline: str | None) -> None:
     """Print the measures of cells and faces, and the inverted cells."""
     kinds = ", ".join(f"{n:,} {kind}" for kind, n in numbers["cells"].items())
     print_title(f"{name}: {counted(numbers['n_cells'], 'cell')} ({kinds})")
     angle, skewness = numbers["non_orthogonality"], numbers["skewness"]
-    smallest = numbers["min_volume"]
+    smallest, (what, unit) = numbers["min_volume"], measure_of_cells(mesh)
     print_table(
         ["measure", "value"],
         [
-            ("smallest volume", "-" if smallest is None else f"{smallest:.4g}"),
+            (f"smallest {what} ({unit})", "-" if smallest is None else f"{smallest:.4g}"),
             ("inverted cells", f"{numbers['n_inverted']:,}"),
             ("largest non-orthogonality (deg)", f"{angle['max']:.4g}"),
             ("average non-orthogonality (deg)", f"{angle['average']:.4g}"),
@@ -297,15 +307,20 @@ def _show_quality(name: str, numbers: dict, baseline: str | None) -> None:
             (f"faces of skewness above {SKEWED:g}", f"{skewness['n_skewed']:,}"),
         ],
     )
-    for key, title in (("heights", "first nodes above"), ("ratios", "heights relative to the baseline at")):
+    shown = (
+        ("heights", "first nodes above", f"min ({mesh.length_unit})"),
+        ("ratios", "heights relative to the baseline at", "min"),
+    )
+    for key, title, minimum in shown:
         rows = [(wall["marker"], *map(_short, wall[key].values())) for wall in numbers["heights"] if wall.get(key)]
         if rows:
-            print_table([title, "min", "1 %", "median", "99 %", "max"], rows)
+            print_table([title, minimum, "1 %", "median", "99 %", "max"], rows)
     if baseline is not None:
         print_lines(
             [f"{_where(c)}: was valid on the baseline" for c in numbers["newly_inverted"][:MOST_LISTED]], "yellow"
         )
-    print_lines([f"{_where(c)}: is inverted, volume {c['volume']:.3g}" for c in numbers["inverted"][:MOST_LISTED]])
+    inverted = numbers["inverted"][:MOST_LISTED]
+    print_lines([f"{_where(c)}: is inverted, {what} {c['volume']:.3g} {unit}" for c in inverted])
 
 
 def _where(cell: dict) -> str:

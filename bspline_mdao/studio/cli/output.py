@@ -218,6 +218,12 @@ def show_certificate(certificate: Certificate) -> None:
         print_lines([MEANING_OF_UNDECIDED])
 
 
+def measure_of_cells(mesh: MixedMesh) -> tuple[str, str]:
+    """Name of the size of the cells of a mesh, and its unit: areas in two dimensions."""
+    what, power = ("area", 2) if mesh.n_copies == 2 else ("volume", 3)
+    return what, f"{mesh.length_unit}^{power}"
+
+
 def unproved_lines(mesh: MixedMesh) -> list[str]:
     """Say for which cells of a mesh nothing can be proved."""
     n = mesh.n_cells - sum(map(len, mesh.cells.values()))

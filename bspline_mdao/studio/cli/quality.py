@@ -108,9 +108,7 @@ def _measure_mesh(
     name: str, json: Path | None, patches: Path | None, baseline: str | None, units: str | None, comm: Any
 ) -> None:
     """Measure an unstructured mesh, by the first process."""
-    if units:
-        raise InputError(f"{name}: is an unstructured mesh, measured in its own unit; leave out --units")
-    on_first(comm, lambda: measure_mesh(name, json, patches, baseline))
+    on_first(comm, lambda: measure_mesh(name, json, patches, baseline, units))
 
 
 def _curved_of(grid_name: str) -> CurvedGrid | None:
@@ -277,7 +275,7 @@ def _show(
         ("mean Q", f"{report.q_mean:.4g}"),
         ("smallest corner triple product", f"{report.min_corner:.4g}"),
         ("smallest corner Jacobian", f"{report.min_jacobian:.4g}"),
-        ("smallest volume", f"{report.min_volume:.4g}"),
+        (f"smallest volume ({unit}^3)", f"{report.min_volume:.4g}"),
         ("inverted cells", f"{report.n_inverted:,}"),
     ]
     print_table(["measure", "value"], rows)

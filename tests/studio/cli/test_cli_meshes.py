@@ -89,7 +89,31 @@ def test_quality_names_cells_that_a_move_inverted_and_compares_heights(workplace
     assert found["newly_inverted"][0]["cell"].split()[0] in ("triangle", "quad")
     write_polymesh("polyMesh", brick_grid((4, 4, 4, 4)))
     fails_as_expected(["quality", "moved.su2", "--baseline", "polyMesh"], capsys, "give the mesh that was moved")
-    fails_as_expected(["quality", "moved.su2", "--units", "mm"], capsys, "measured in its own unit")
+
+
+def test_sizes_of_cells_are_areas_in_a_plane_and_have_the_unit_that_is_said(workplace, capsys):
+    for command in ("inspect", "quality"):
+        assert run([command, "plane.su2", "--units", "mm"]) == 0
+        text = capsys.readouterr().out
+        assert "smallest area" in text
+        assert "mm^2" in text
+        assert "min (mm)" in text
+
+
+def test_a_mesh_is_compared_with_the_model_from_which_it_was_moved(workplace, capsys):
+    (workplace / "plane.su2").write_text(plane_su2_text().replace("MARKER_TAG= airfoil", "MARKER_TAG= x_p"))
+    (workplace / "k.toml").write_text('[kinds]\nx_p = "wall"\n')
+    assert run(["fit", "plane.su2", "--patches", "k.toml", "--units", "mm", "-o", "m.h5"]) == 0
+    assert run(["move", "m.h5", "--deform", "translate=0.01/0/0", "-o", "moved.su2"]) == 0
+    assert run(["quality", "moved.su2", "--baseline", "plane.su2", "--patches", "k.toml", "--json", "a.json"]) == 0
+    capsys.readouterr()
+    assert run(["quality", "moved.su2", "--baseline", "m.h5", "--json", "b.json"]) == 0
+    assert "smallest area (mm^2)" in capsys.readouterr().out
+    file, model = numbers("a.json"), numbers("b.json")
+    assert file["heights"]
+    assert {**file, "baseline": "m.h5"} == model
+    (workplace / "moved.su2").write_text(plane_su2_text())
+    fails_as_expected(["quality", "moved.su2", "--baseline", "missing.h5"], capsys, "missing.h5")
 
 
 def test_a_polymesh_has_polyhedra_and_kinds_of_its_types(workplace, capsys):
