@@ -116,7 +116,7 @@ def test_next_design_starts_from_states_and_angle_of_the_last():
 def test_lift_that_is_out_of_reach_is_refused_in_one_line_and_the_lift_that_it_names_is_found():
     flown = run(problem(tolerance=1e-10))
     angle, states = flown.get_val("alpha").copy(), flown.get_val("states").copy()
-    with pytest.raises(om.AnalysisError, match=r"CL_target 9 is out of reach: at alpha .* deg CL is") as error:
+    with pytest.raises(om.AnalysisError, match=r"CL_target 9 is out of reach: at alpha .* deg CL is .*area \(1.16 m") as error:
         run(flown, CL_target=9.0)
     assert "\n" not in str(error.value)
     np.testing.assert_array_equal(flown.get_val("alpha"), angle)
@@ -125,6 +125,18 @@ def test_lift_that_is_out_of_reach_is_refused_in_one_line_and_the_lift_that_it_n
     assert flown.get_val("alpha").item() == pytest.approx(angle.item(), abs=1e-7)
     with pytest.raises(om.AnalysisError, match=": CL_target is nan"):
         run(flown, CL_target=np.nan)
+
+
+def test_area_in_another_unit_is_named_with_the_lift_the_angle_it_led_to_and_the_area_of_the_walls():
+    flown = problem(reference_area=1.16e6, max_steps=3)
+    with pytest.raises(
+        om.AnalysisError,
+        match=r"CL_target 0.2 is not reached: at alpha 2 deg the flow did not converge: .*; check CL_target and "
+        r"reference_area \(1.16e\+06 m\^2; the walls as seen from above: 1.16 m\^2\), or take a "
+        r"smaller CL_target or Mach number",
+    ) as error:
+        run(flown, Mach_number=0.7)
+    assert "smaller angle" not in str(error.value)
 
 
 def test_log_shows_the_angle(capsys):

@@ -185,8 +185,14 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
                     outputs["states"] = solution.states.ravel()
                     return
         field = self._scheme(inputs), areas, stream
-        message = f"{self.msginfo}: {_complaint(self._solution)}; {self._worst_cell(*field)}"
-        raise om.AnalysisError(f"{message}; take a smaller angle or Mach number, or a finer or more even grid")
+        raise om.AnalysisError(
+            f"{self.msginfo}: {self._advised(f'{_complaint(self._solution)}; {self._worst_cell(*field)}', inputs)}, or "
+            f"a finer or more even grid"
+        )
+
+    def _advised(self, complaint: str, inputs: Vector) -> str:
+        """Complaint of a flow that did not converge, with what to do."""
+        return f"{complaint}; take a smaller angle or Mach number"
 
     def linearize(self, inputs: Vector, outputs: Vector, jacobian: Jacobian) -> None:
         """Refuse states that are not a solution, and differentiate the residual."""

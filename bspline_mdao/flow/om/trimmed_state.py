@@ -17,6 +17,7 @@ from openmdao.vectors.vector import Vector
 from ...core.om.component import add_bar, direction_in, finite_values
 from ...names import GRID
 from ..euler.adjoint import FlowTangent
+from ..euler.flow_grid import area_vectors
 from ..euler.gas import N_STATES
 from ..euler.newton_step import NewtonStep
 from ..loads.stream import RADIAN
@@ -189,6 +190,21 @@ class TrimmedState(EulerState):
         self._tangent = None  # it belongs to an intermediate angle
         self._solution = self._converged = replace(self._solution, history=history)
 
+    def _advised(self, complaint: str, inputs: Vector) -> str:
+        """Complaint of a flow on the way to the lift, with what to check: a wrong lift or area asks for wrong angles."""
+        return (
+            f"CL_target {self._inputs['CL_target'].item():g} is not reached: at alpha {inputs['alpha'].item():.4g} deg "
+            f"{complaint}; check CL_target and {self._area()}, or take a smaller CL_target or Mach number"
+        )
+
+    def _area(self) -> str:
+        """Reference area and, to compare, the area of the walls as seen from above."""
+        forces = self.options["forces"]
+        areas = area_vectors(forces.walls.nodes(self.options["nodes"]), forces.walls.corners)
+        coefficients = forces.wing.coefficients
+        seen = 0.5 * np.abs(areas @ coefficients.axes[2]).sum()
+        return f"reference_area ({coefficients.area:.4g} m^2; the walls as seen from above: {seen:.3g} m^2)"
+
     def _sensitivity_at(self, inputs: Vector, outputs: Vector) -> _Sensitivity:
         """Sensitivity of states and lift to the angle."""
         at = _merged(inputs, outputs)
@@ -207,7 +223,8 @@ class TrimmedState(EulerState):
         if not abs(alpha + change) <= LARGEST_ANGLE:
             raise om.AnalysisError(
                 f"{self.msginfo}: CL_target {target:g} is out of reach: at alpha {alpha:.4g} deg CL is "
-                f"{target - lack:.4g} and rises by {slope:.2g} a degree; take a CL_target nearer to that"
+                f"{target - lack:.4g} and rises by {slope:.2g} a degree; check {self._area()}, or take "
+                f"a CL_target nearer to that"
             )
         moved = states + change * sensitivity.states
         is_physical = np.all(moved[:, [0, 4]] > (1.0 - LARGEST_FALL) * states[:, [0, 4]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,6 +40,9 @@ STOPPED = (
     "all bounds hold to a ten-thousandth, and this may be no optimum: see max_iterations and tolerance in [driver]"
 )
 """Remark on a feasible design at which the driver did not converge."""
+
+OF_CLASS = re.compile(r"('[\w.]+') <class \w+>")
+"""How OpenMDAO names a component: by its path and its class; studies know the path."""
 
 NEEDED = {"report": ("report", ("plotly", "jinja2")), "picture": ("pictures", ("matplotlib",))}
 """Keys of ``[output]`` that need packages: their extra, and the packages."""
@@ -221,8 +225,9 @@ def _said(failure: BaseException, run: _Run, folder: RunFolder, kept: str) -> Ba
 
 
 def _as_seen(words: str, run: _Run, folder: RunFolder) -> str:
-    """Text with the paths that results have once they are in place."""
+    """Text with the paths that results have once they are in place, and without classes of components."""
     inputs, results = f"{run.private}/../../", str(run.private)
+    words = OF_CLASS.sub(r"\1", words)
     return " ".join(words.replace(inputs, f"{folder.path.absolute()}/").replace(results, str(folder.path)).split())
 
 

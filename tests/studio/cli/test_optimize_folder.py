@@ -157,7 +157,7 @@ def test_a_run_that_fails_later_keeps_what_there_is(done, capsys, monkeypatch):
     monkeypatch.setattr(nlopt_driver, "minimise", failing)
     capsys.readouterr()
     words = fails(capsys, "area.toml", "-o", "out", "--overwrite")
-    assert words == "no flow; out keeps cases.sql, grid_before.xyz, model.h5, optimize.py"
+    assert words == "'flow.state': no flow; out keeps cases.sql, grid_before.xyz, model.h5, optimize.py"
     assert names_in("out") == RESULTS - {"grid_after.xyz", "summary.csv"}
     monkeypatch.undo()
     monkeypatch.chdir(done)
@@ -165,7 +165,7 @@ def test_a_run_that_fails_later_keeps_what_there_is(done, capsys, monkeypatch):
 
 
 def failing(settings, functions):
-    raise om.AnalysisError("no flow")
+    raise om.AnalysisError("'flow.state' <class TrimmedState>: no flow")
 
 
 def test_a_swap_that_is_cut_short_is_no_harm(done, monkeypatch):
