@@ -116,7 +116,9 @@ def test_next_design_starts_from_states_and_angle_of_the_last():
 def test_lift_that_is_out_of_reach_is_refused_in_one_line_and_the_lift_that_it_names_is_found():
     flown = run(problem(tolerance=1e-10))
     angle, states = flown.get_val("alpha").copy(), flown.get_val("states").copy()
-    with pytest.raises(om.AnalysisError, match=r"CL_target 9 is out of reach: at alpha .* deg CL is .*area \(1.16 m") as error:
+    with pytest.raises(
+        om.AnalysisError, match=r"CL_target 9 is out of reach: at alpha .* deg CL is .*area \(1.16 m"
+    ) as error:
         run(flown, CL_target=9.0)
     assert "\n" not in str(error.value)
     np.testing.assert_array_equal(flown.get_val("alpha"), angle)
