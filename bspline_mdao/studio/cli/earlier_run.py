@@ -11,7 +11,7 @@ from ...grids.io.run_folder import RESULTS, RunFolder, about_run
 from ..study.same_problem import check_same_problem
 from ..study.study import CASES, Study
 
-__all__ = ["earlier_cases", "killed_cases"]
+__all__ = ["earlier_cases", "recorded_cases"]
 
 
 def earlier_cases(folder: RunFolder, study: Study) -> Path:
@@ -31,10 +31,10 @@ def earlier_cases(folder: RunFolder, study: Study) -> Path:
     raise InputError(f"{folder.path}: has no recorded case to continue from; leave out --restart to begin")
 
 
-def killed_cases(folder: RunFolder) -> int:
-    """Number of cases of killed runs in a folder, as far as they can be read."""
+def recorded_cases(folder: RunFolder) -> int:
+    """Number of cases of a run in a folder, or of one that was killed there, as far as they can be read."""
     found = 0
-    for file in _killed(folder):
+    for file in filter(Path.is_file, [folder.path / CASES, *_killed(folder)]):
         try:
             found = max(found, count_cases(file))
         except InputError:

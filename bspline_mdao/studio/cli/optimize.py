@@ -19,6 +19,7 @@ from ...base.extras import INSTALL, library
 from ...base.numerics.processes import on_first, world
 from ...base.numerics.stopwatch import working_seconds
 from ...core.om.drivers.case_file import count_cases
+from ...core.om.drivers.case_history import read_history
 from ...core.om.drivers.nlopt_driver import NLoptDriver
 from ...errors import InputError, MovementError
 from ...flow.om.induced_gain import InducedGain, induced_gains
@@ -31,13 +32,15 @@ from ..study.same_problem import problem_of
 from ..study.script import SCRIPT, study_script
 from ..study.study import CAD_KINDS, CASES, Study
 from ..study.variable_kinds import VARIABLES
-from .earlier_run import earlier_cases, killed_cases
+from .better_designs import better_but_infeasible
+from .earlier_run import earlier_cases, recorded_cases
 from .lasting_stdout import lasting_stdout
 from .optimum import cad_optima, optimum_of
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
 
 STOPPED = (
-    "all bounds hold to a ten-thousandth, and this may be no optimum: see max_iterations and tolerance in [driver]"
+    "all bounds hold to a ten-thousandth, and this may be no optimum: see max_iterations and tolerance in [driver]; "
+    "--restart continues from it"
 )
 """Remark on a feasible design at which the driver did not converge."""
 
@@ -109,8 +112,8 @@ def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: boo
         raise InputError(f"{folder.path}: is a file; name a folder for the results")
     check_outputs([*(folder.path / name for name in names), json], [study.source, *study.inputs.values()])
     if not (folder.is_empty or overwrite or restart):
-        n_killed = killed_cases(folder)
-        advice = f"--restart to continue from {n_killed} cases of a run that was killed, " if n_killed else ""
+        n_recorded = recorded_cases(folder)
+        advice = f"--restart to continue from the best of {n_recorded} recorded designs, " if n_recorded else ""
         raise InputError(f"{folder.path}: is not empty; give {advice}--overwrite, or another folder")
     earlier = earlier_cases(folder, study) if restart else None
     taken_over = CASES if earlier == folder.path / CASES else ""  # may belong to the script, run on its own
@@ -270,9 +273,16 @@ def _print_outcome(folder: RunFolder, problem: om.Problem, numbers: dict[str, An
     if infeasible:
         raise click.ClickException(
             f"{folder.path}: no design that satisfies all constraints was found ({numbers['status']}); the best is "
-            f"{infeasible}. The results are kept; give wider bounds, other constraints or more iterations"
+            f"{infeasible}. The results are kept; give wider bounds, other constraints, or more "
+            f"iterations by --restart"
         )
     if not numbers["success"]:
-        print_warnings([f"{numbers['status']}; {STOPPED}"])
+        is_baseline = all(
+            each["values"] == numbers["before"][name]["values"]
+            for name, each in numbers["after"].items()
+            if each["role"] == "variable"
+        )
+        better = better_but_infeasible(read_history(folder.path / CASES), is_baseline)
+        print_warnings([f"{numbers['status']}; {STOPPED}", *([better] if better else [])])
     print_lines([f"{numbers['status']}; {counts}"] if numbers["success"] else [])
     print_lines([f"{folder.path}: {_listed(folder)}"])

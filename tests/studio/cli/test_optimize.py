@@ -102,8 +102,26 @@ def test_a_folder_that_is_not_empty_is_left_alone(workplace, capsys):
     Path("out/grid_after.cgns").write_text("mine as well")
     assert run(["optimize", "area.toml", "-o", "out", "--overwrite", "--overwrite", "--max-iterations", "2"]) == 0
     assert names_in("out") == RESULTS | {"mine.txt", "grid_after.cgns"}
-    assert "this may be no optimum: see max_iterations" in "".join(capsys.readouterr())
     assert "maxeval=2" in Path("out/optimize.py").read_text()
+    capsys.readouterr()
+    assert run(["optimize", "area.toml", "-o", "out"]) == 2
+    words = "out: is not empty; give --restart to continue from the best of 2 recorded designs, --overwrite, or another"
+    assert words in capsys.readouterr().err
+
+
+def test_a_run_that_is_stopped_says_why_it_shows_the_baseline_and_how_it_goes_on(workplace, capsys):
+    Path("curved.toml").write_text(Path("area.toml").read_text().replace("lower = 1.0", "equals = 1.0"))
+    assert run(["optimize", "curved.toml", "-o", "out", "--max-iterations", "2"]) == 0
+    cases = om.CaseReader("out/cases.sql")
+    area, volume = (cases.get_case(1).get_val(name).item() for name in ("surface_area", "volume"))
+    stopped, why = capsys.readouterr().err.splitlines()[-2:]
+    assert "this may be no optimum: see max_iterations" in stopped
+    assert "--restart continues" in stopped
+    assert why == (
+        "warning: the baseline is the best design that satisfies all constraints; 1 of 3 evaluations have a better "
+        f"surface_area, the best of them {area:.4g} in evaluation 2, which is infeasible: volume is "
+        f"{volume - 1.0:.3g} above 1"
+    )
 
 
 def test_an_interrupted_run_keeps_the_best_design(workplace, capsys, monkeypatch):

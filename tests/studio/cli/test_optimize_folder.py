@@ -296,7 +296,7 @@ def test_a_run_that_was_killed_goes_on_from_its_best_design(killed, capsys):
     assert killed == ("", -signal.SIGKILL)
     (private,) = Path("out").glob(f"{PREFIX}*")
     n, best = count_cases(private / "results/cases.sql"), best_of(private / "results/cases.sql")
-    words = f"out: is not empty; give --restart to continue from {n} cases of a run that was killed, --overwrite, or"
+    words = f"out: is not empty; give --restart to continue from the best of {n} recorded designs, --overwrite, or"
     assert fails(capsys, "long.toml", "-o", "out").startswith(words)
     assert run(["optimize", "area.toml", "-o", "out", "--restart", "--json", "out.json"]) == 0
     assert f"runs from the best of {n} recorded designs" in " ".join(capsys.readouterr().out.split())

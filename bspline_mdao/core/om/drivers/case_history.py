@@ -23,7 +23,7 @@ from ....errors import InputError
 from .nlopt_problem import Limits, Point, Statement
 from .optimality import optimality
 from .sound_cases import sound_cases
-from .violations import Violation, in_words, violations_of
+from .violations import TOLERATED, Violation, in_words, violations_of
 
 __all__ = ["FEASIBLE", "CaseHistory", "Convergence", "Quantity", "read_history"]
 
@@ -71,11 +71,11 @@ class Quantity:
         """Values, or limits, as the driver sees them."""
         return (values + self.adder) * self.scaler
 
-    def violations(self, number: int) -> list[Violation]:
-        """Values of an evaluation beyond their limits."""
+    def violations(self, number: int, tolerance: float = TOLERATED) -> list[Violation]:
+        """Values of an evaluation beyond their limits, by more than a tolerance relative to these."""
         is_open = np.isnan(self.equals)
         lower, upper = (np.where(is_open, limits, self.equals) for limits in (self.lower, self.upper))
-        return violations_of(self.value_names, self.values[number], lower, upper, 1.0 / np.abs(self.scaler))
+        return violations_of(self.value_names, self.values[number], lower, upper, 1.0 / np.abs(self.scaler), tolerance)
 
     def limits(self) -> Limits:
         """Limits as the driver sees them."""
@@ -112,9 +112,9 @@ class CaseHistory:
         """Quantities of one kind."""
         return tuple(quantity for quantity in self.quantities if quantity.kind == kind)
 
-    def infeasible(self, number: int) -> str:
+    def infeasible(self, number: int, tolerance: float = TOLERATED) -> str:
         """Describe which limits an evaluation violates and by how much; empty if it satisfies all."""
-        return in_words([violation for quantity in self.quantities for violation in quantity.violations(number)])
+        return in_words([each for quantity in self.quantities for each in quantity.violations(number, tolerance)])
 
     def statement(self) -> Statement:
         """Bounds and constraints as the driver sees them."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Violation", "in_words", "violations_of"]
+__all__ = ["TOLERATED", "Violation", "in_words", "violations_of"]
 
 TOLERATED = 1e-4
 """Fraction of a limit, or of the driver's unit if the limit is zero, by which a value may exceed it: NLopt and SciPy
@@ -47,12 +47,13 @@ def violations_of(
     lower: np.ndarray,
     upper: np.ndarray,
     unit: np.ndarray | float,  # what the driver sees as 1
+    tolerance: float = TOLERATED,  # relative to limits, or to the unit if they are zero
 ) -> list[Violation]:
     """Find the values, shape (n,), that are beyond their limits."""
     found = []
     for side, excess, limits in (("below", lower - values, lower), ("above", values - upper, upper)):
-        sizes = np.where(limits == 0.0, unit, np.abs(limits))
-        tolerated = np.maximum(TOLERATED * sizes, LEAST * np.abs(unit))
+        sizes = np.where(np.isfinite(limits) & (limits != 0.0), np.abs(limits), unit)
+        tolerated = np.maximum(tolerance * sizes, LEAST * np.abs(unit))
         is_beyond = np.isfinite(limits) & ~(excess <= tolerated)  # NaN counts as beyond
         found += [
             Violation(names[n], float(excess[n]), side, float(limits[n]), float(tolerated[n]))
