@@ -68,11 +68,13 @@ def optimize_study(
     found = on_first(comm, lambda: read_study(study))
     if max_iterations is not None:
         found = replace(found, driver=found.driver | {"max_iterations": max_iterations})
+    hints = [hint for name in NEEDED if (hint := _hint(found, name))]
     found = replace(found, output=found.output | {name: _is_made(found, name) for name in NEEDED})
     folder = RunFolder(output)
-    _say_of_cad(found)
     with lasting_stdout():
         run = on_first(comm, lambda: _prepared(found, folder, json, overwrite, restart))
+        print_lines(hints)
+        _say_of_cad(found)
         start = working_seconds()
         problem, names = _run(run, folder, comm, f"{study}: {output / SCRIPT} runs")
         numbers, seconds = _numbers(problem, names["before"], names["after"]), working_seconds() - start
@@ -143,14 +145,26 @@ def _is_made(study: Study, name: str) -> bool:
     """Whether a page or a picture is made: if its packages are installed, unless the study says otherwise."""
     if name == "picture" and not study.has_pressures:
         return False
-    asked, (extra, packages) = study.output[name], NEEDED[name]
-    missing = [package for package in packages if find_spec(package) is None]
-    advice = INSTALL.format(extra=extra)
+    asked, missing = study.output[name], _missing(name)
     if missing and asked:
-        raise InputError(f"{study.source}: the {name} needs {missing[0]}; {advice}, or leave {name} out")
-    if missing and asked is None:
-        print_lines([f"no {name} will be written: {advice} for one"])
+        raise InputError(f"{study.source}: the {name} needs {missing[0]}; {_advice(name)}, or leave {name} out")
     return not missing if asked is None else asked
+
+
+def _hint(study: Study, name: str) -> str:
+    """Say what to install for a page or a picture that needs packages; empty if it needs none."""
+    is_wanted = study.output[name] is None and (name != "picture" or study.has_pressures)
+    return f"no {name} will be written: {_advice(name)} for one" if is_wanted and _missing(name) else ""
+
+
+def _missing(name: str) -> list[str]:
+    """Packages of a page or a picture that are not installed."""
+    return [package for package in NEEDED[name][1] if find_spec(package) is None]
+
+
+def _advice(name: str) -> str:
+    """How to install the packages of a page or a picture."""
+    return INSTALL.format(extra=NEEDED[name][0])
 
 
 def _say_of_cad(study: Study) -> None:

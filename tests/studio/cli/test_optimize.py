@@ -154,6 +154,9 @@ def test_the_report_is_written_where_its_packages_are_there(workplace, capsys, m
     assert run(["optimize", "open.toml", "-o", "out", "--max-iterations", "2"]) == 0
     assert "no report will be written: pip install" in capsys.readouterr().out
     assert names_in("out") == RESULTS
+    assert run(["optimize", "open.toml", "-o", "out"]) == 2
+    shown, error = capsys.readouterr()
+    assert (shown, len(error.splitlines())) == ("", 1)  # no hints before an error
     monkeypatch.undo()
     monkeypatch.chdir(workplace)
     pytest.importorskip("plotly", reason="plotly is not installed")
