@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
+import tomlkit
+
+from ...base.extras import INSTALL
 from ...base.numerics.progress import Progress, progress_bar
 from ...core.background.fit_mesh import fit_mesh
 from ...core.background.mesh_file import is_mesh_model, mesh_file_in
@@ -19,8 +23,11 @@ from ...grids.io.meshes.files import is_mesh
 from ...grids.topology.detection import find_topology
 from ..study.draft import Aim, study_draft
 from ..study.draft_body import GridBody, MeshBody
-from .output import check_outputs, print_lines
+from .output import check_outputs, print_lines, print_warnings
 from .sources import file_of, load_grid
+
+MARKS = "guessed", "set yours"
+"""What comments of lines to be checked say."""
 
 
 def draft_study(
@@ -58,7 +65,25 @@ def draft_study(
         )
     with replaced_file(output) as part:
         part.write_text(text, encoding="utf-8")
-    print_lines([text, f"{output} written; check it, and run 'bspline-mdao optimize {output} -o out'"])
+    print_lines([*_key_lines(text), f"{output} written; check it, and run 'bspline-mdao optimize {output} -o out'"])
+    if body.lacks_lattice:
+        print_warnings(
+            [
+                f"{output}: its flow needs OpenAeroStruct: {INSTALL.format(extra='vlm')}; then draft it again: until "
+                f"then the lift in it is estimated, not computed"
+            ]
+        )
+
+
+def _key_lines(text: str) -> Iterator[str]:
+    """What a draft poses, and its lines that have to be checked."""
+    draft = tomlkit.parse(text)
+    for table in ("objective", "variables", "constraints"):
+        yield f"{table}: {draft[table]['of'] if table == 'objective' else ', '.join(draft[table])}"
+    yield f"flow: {draft['flow']['kind'] if 'flow' in draft else 'none'}"
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.startswith("#") and any(mark in line for mark in MARKS):
+            yield f"line {number}: {line}"
 
 
 def _grid_body(grid_name: str, patches: Path | None, progress: Progress) -> GridBody:

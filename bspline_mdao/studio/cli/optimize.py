@@ -66,6 +66,7 @@ def optimize_study(
     if overwrite and restart:
         raise InputError("--overwrite starts again and --restart continues; give one of them")
     found = on_first(comm, lambda: read_study(study))
+    found.require_solver()
     if max_iterations is not None:
         found = replace(found, driver=found.driver | {"max_iterations": max_iterations})
     hints = [hint for name in NEEDED if (hint := _hint(found, name))]

@@ -76,6 +76,8 @@ def _check(study: Study, n: int | None, table: Path | None, has_flow: bool, outp
         )
     if has_flow and study.flow is None:
         raise InputError(f"{study.source}: has no [flow] to solve; leave --flow out")
+    if has_flow:
+        study.require_solver()
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file; name a folder for the results")
     if output.is_dir() and any(output.iterdir()) and not restart:

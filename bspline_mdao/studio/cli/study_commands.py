@@ -52,7 +52,7 @@ folder_option = click.option(
 )
 @click.option("--lift-to-drag", is_flag=True, help="Airfoil: maximise the lift-to-drag ratio, at any lift.")
 def init(mach: tuple[float, ...], lift: tuple[float, ...], lift_to_drag: bool, **options: Any) -> None:
-    """Draft a study of a grid for the command optimize, with comments on what was guessed.
+    """Draft a study of a grid for the command optimize, and show the lines to check.
 
     GRID is a {read} file, an unstructured mesh, {meshes}, a model MODEL.h5 of either, or a built-in grid: {built_in}.
     """

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.extras import INSTALL
 from ...errors import InputError
 from ...flow.om.mach_range import EULER, LATTICE
 from .draft_body import ALPHA, MACH, SECTION_LIFT, Body
@@ -324,7 +325,8 @@ def _wing(body: Body, variables: list[str], others: list[str]) -> Iterator[str]:
     if not body.why_no_lattice:
         yield "[constraints.CL]"
         if body.lattice_lift is None:
-            yield f"equals = {body.elliptical_lift}  # set yours: about the lift of the baseline"
+            yield f"equals = {body.elliptical_lift}  # set yours: not computed, estimated for an elliptical load; with"
+            yield f"# OpenAeroStruct ({INSTALL.format(extra='vlm')}) init computes the lift of the baseline"
         else:
             yield f"equals = {body.lattice_lift}  # the baseline's lift, for a fair comparison"
         yield ""
@@ -349,6 +351,7 @@ def _shape(body: Body, variables: list[str]) -> Iterator[str]:
     yield f"# No [flow] was drafted: {_line(lack)};"
     yield f"# {_line(body.why_no_euler) or 'lift and drag of wings and sections alone are drafted'}."
     yield "# The objective is the wetted area: replace it by yours, or connect your own solver in Python."
+    yield ""
     yield from variables
     yield "[objective]"
     yield 'of = "surface_area"'
@@ -419,16 +422,13 @@ def _free_form(body: Body, box_file: str, boxes: Sequence[str]) -> Iterator[str]
         yield '# kind = "lattice"  # points of a box around the walls; "ffd" for one in a file: of pyGeo, DAFoam or SU2'
     if not body.moves_points:
         yield '# or kind = "free_lattice": points of the lattice that moves the mesh, those near the walls'
-    size = float(f"{0.01 * body.frame.chord:.1g}")
-    yield f"# lower = {-size}"
-    yield f"# upper = {size}"
-    yield ""
+    yield from (f"# {line}".rstrip("# ") for line in _bounds(body.frame.chord, "the chord"))
 
 
 def _bounds(length: float, of: str) -> Iterator[str]:
     """Bounds of displacements, relative to a length."""
     size = float(f"{0.01 * length:.1g}")
-    yield f"lower = {-size}  # a hundredth of {of}"
+    yield f"lower = {-size}  # about a hundredth of {of}, {length:.4g}, in units of the grid"
     yield f"upper = {size}"
     yield ""
 

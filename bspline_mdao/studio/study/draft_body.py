@@ -148,6 +148,11 @@ class Body(ABC):
         aspect = 2.0 * self.frame.span**2 / self.area
         return float(f"{2.0 * np.pi * np.radians(ALPHA) / (1.0 + 2.0 / aspect):.2g}")
 
+    @property
+    def lacks_lattice(self) -> bool:
+        """Whether its flow is the vortex lattice, and OpenAeroStruct is not installed."""
+        return self.is_wing and not self.why_no_lattice and self.lattice_lift is None
+
     @cached_property
     def lattice_lift(self) -> float | None:
         """Lift coefficient at `ALPHA` by the vortex lattice; None without OpenAeroStruct."""

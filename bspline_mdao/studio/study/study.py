@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from ...base.extras import INSTALL
+from ...errors import InputError
 from .grid_kinds import GridKind, kind_of
 from .tables import Table
 from .variable_kinds import VARIABLES
@@ -70,6 +73,13 @@ class Study:
     def has_pressures(self) -> bool:
         """Whether the flow has pressures on the walls, which are drawn if these are a section."""
         return self.flow is not None and self.flow["kind"] == "euler"
+
+    def require_solver(self) -> None:
+        """Refuse a flow whose package is not installed, before anything is fitted."""
+        if self.flow is not None and self.flow["kind"] == "lattice" and not find_spec("openaerostruct"):
+            raise InputError(
+                f"{self.source}: the flow, the vortex lattice, needs OpenAeroStruct: {INSTALL.format(extra='vlm')}"
+            )
 
     @property
     def cad_results(self) -> dict[str, str]:

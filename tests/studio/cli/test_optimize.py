@@ -420,7 +420,11 @@ def test_the_objective_of_several_conditions_is_their_mean_and_the_report_has_ea
 def test_the_study_that_is_drafted_of_a_wing_runs(workplace, capsys):
     pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
     assert run(["init", "@onera_m6:9x9x7", "-o", "m6.toml"]) == 0
-    assert 'kind = "lattice"  # guessed: half a wing' in capsys.readouterr().out
+    shown, lines = capsys.readouterr().out.splitlines(), Path("m6.toml").read_text().splitlines()
+    assert shown[0] == "objective: CD_induced"
+    assert len(shown) < 12  # what to check, not all of the draft
+    number = next(n for n, line in enumerate(lines, 1) if line.startswith('kind = "lattice"  # guessed: half a wing'))
+    assert f"line {number}: {lines[number - 1]}" in shown
     assert run(["init", "@onera_m6:9x9x7", "-o", "m6.toml"]) == 2
     assert "m6.toml: is there already; give --overwrite, or another name" in capsys.readouterr().err
     assert run(["optimize", "m6.toml", "-o", "out", "--max-iterations", "8"]) == 0
@@ -429,6 +433,19 @@ def test_the_study_that_is_drafted_of_a_wing_runs(workplace, capsys):
     assert float(found["CL"]["before"]) == pytest.approx(0.19, abs=0.01)  # of the lattice at 3 degrees
     assert "twist[0] (deg)" not in found
     assert "infeasible" not in shown
+
+
+def test_init_and_optimize_say_at_once_which_package_the_flow_of_a_wing_needs(workplace, capsys, monkeypatch):
+    monkeypatch.setattr("bspline_mdao.studio.study.draft_body.find_spec", lambda name: None)
+    monkeypatch.setattr("bspline_mdao.studio.study.study.find_spec", lambda name: None)
+    assert run(["init", "@onera_m6:9x9x7", "-o", "m6.toml"]) == 0
+    assert 'needs OpenAeroStruct: pip install "bspline_mdao[vlm]"; then draft it again' in capsys.readouterr().err
+    assert "  # set yours: not computed, estimated" in Path("m6.toml").read_text()
+    for arguments in (["optimize", "m6.toml"], ["sample", "m6.toml", "-n", "2", "--flow"]):
+        assert run([*arguments, "-o", "out"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("bspline-mdao: m6.toml: the flow, the vortex lattice, needs OpenAeroStruct: pip install")
+        assert not Path("out").exists()
 
 
 def test_a_body_that_is_no_wing_gets_a_study_of_its_shape(workplace, capsys):

@@ -63,5 +63,5 @@ def test_a_draft_says_if_the_wing_seems_to_fly_backwards(grid):
 def test_without_openaerostruct_the_lift_is_an_estimate_to_be_set(grid, tmp_path, monkeypatch):
     monkeypatch.setattr(draft_body, "find_spec", lambda name: None)
     text = study_draft("@onera_m6:7x7x5", None, GridBody(grid, find_topology(grid)))
-    assert "  # set yours: about the lift of the baseline" in text
+    assert "  # set yours: not computed, estimated for an elliptical load; with" in text
     assert study_of(tmp_path, text).constraints["CL"]["equals"] == pytest.approx(0.22, abs=0.03)
