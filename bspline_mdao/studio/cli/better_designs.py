@@ -15,8 +15,8 @@ def better_but_infeasible(
     (objective,) = history.of_kind("objective")
     values = objective.scaled(objective.values)[:, 0]
     numbers = np.flatnonzero(history.has_run & (values < values[history.best]))
-    shown = "the baseline" if is_baseline else f"evaluation {history.best + 1}"
-    found = f"{shown} is the best design that satisfies all constraints"
+    which = "the baseline" if is_baseline else f"evaluation {history.best + 1}"
+    found = f"{which} is the best design that satisfies all constraints"
     if not len(numbers):
         return f"{found}, and none has a better {objective.name}" if is_baseline else ""
     best = numbers[np.argmin(values[numbers])]

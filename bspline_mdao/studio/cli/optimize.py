@@ -283,6 +283,7 @@ def _print_outcome(folder: RunFolder, problem: om.Problem, numbers: dict[str, An
     """Say how it ended and what was written; raise an error if it failed."""
     driver = problem.driver
     counts = f"{numbers['evaluations']} evaluations, {numbers['gradients']} gradients"
+    is_said = driver.options["disp"]  # by the driver, as a run ends
     if driver.is_interrupted:
         raise KeyboardInterrupt(f"interrupted after {counts}; {folder.path} keeps the best design so far")
     if infeasible:
@@ -299,5 +300,5 @@ def _print_outcome(folder: RunFolder, problem: om.Problem, numbers: dict[str, An
         )
         better = better_but_infeasible(read_history(folder.path / CASES), is_baseline)
         print_warnings([f"{numbers['status']}; {STOPPED}", *([better] if better else [])])
-    print_lines([f"{numbers['status']}; {counts}"] if numbers["success"] else [])
+    print_lines([f"{numbers['status']}; {counts}"] if numbers["success"] and not is_said else [])
     print_lines([f"{folder.path}: {_listed(folder)}"])

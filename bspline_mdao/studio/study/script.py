@@ -181,7 +181,8 @@ class StudyScript:
             settings["patches"] = self.study.grid["design"]
         if "moment_reference" in settings:
             settings["moment_reference"] = tuple(settings["moment_reference"])
-        settings = {"model": expression("model"), "reference_area": area, **settings}
+        quiet = {"iprint": 0} if flow["kind"] == "euler" else {}  # the driver's log has a line a run
+        settings = {"model": expression("model"), "reference_area": area, **settings, **quiet}
         if not conditions:
             yield statement("flow = made", made=call(f"bm.{kind.made_by}", **settings))
             yield statement('top.add_subsystem("flow", flow, promotes=["*"])')

@@ -74,7 +74,8 @@ def test_a_study_gives_an_optimum_and_the_script_that_gives_the_same(workplace, 
     assert (found["chord[2]"]["lower"], found["chord[2]"]["role"]) == ("0.6", "variable")
     assert numbers["success"]
     assert numbers["after"]["surface_area"]["values"] == [float(found["surface_area"]["after"])]
-    assert all(word in shown for word in ("objective", "chord[0]", "FTOL_REACHED"))
+    assert all(word in shown for word in ("objective", "chord[0]"))
+    assert shown.count("FTOL_REACHED") == 1  # the driver says how it ended, the command does not say it again
     cases = om.CaseReader("out/cases.sql").list_cases("driver", out_stream=None)
     assert len(cases) == numbers["evaluations"]
     before, after = (read_grid(f"out/grid_{when}.xyz") for when in ("before", "after"))
@@ -363,6 +364,7 @@ def test_a_study_in_euler_flow_says_what_a_finer_grid_has_of_its_gain(workplace,
     assert f"CD_induced by the square of the lift: {100.0 * gain['gain']:.1f} % less on this grid" in shown
     assert gain["gain"] < gain["doubt"]  # on so few cells
     assert "the errors of the grid may be all that was gained" in shown
+    assert "Newton steps" not in shown  # a line for each evaluation is in the log of the driver
 
 
 TWO_CONDITIONS = """\
