@@ -9,7 +9,7 @@ import pytest
 from euler_cases import case_of
 from topology_cases import box, grid_of, patch
 
-from bspline_mdao import EulerFlow, SpuriousDragWarning, fit_grid
+from bspline_mdao import EulerFlow, InputError, SpuriousDragWarning, fit_grid
 from bspline_mdao.flow.euler import drag_sources as kernel
 from bspline_mdao.flow.euler.drag_sources import DragSources, wave_drag
 from bspline_mdao.flow.euler.entropy_drag import entropy_scale
@@ -37,12 +37,21 @@ def problem(objective, mach=0.4, alpha=1.25, shape=(17, 11)):
     problem.model.add_subsystem("flow", flow, promotes=["*"])
     problem.model.add_subsystem("sum", om.ExecComp("total = 2.0 * CD"), promotes=["*"])
     problem.model.add_subsystem("last", om.ExecComp(["ratio = total / CL", "twice = 2.0 * CL"]), promotes=["*"])
+    problem.model.add_subsystem("wake", om.ExecComp("drag = CD_induced + CD_entropy"), promotes=["*"])
     problem.model.add_design_var("alpha")
     problem.model.add_objective(objective)
     problem.setup()
     problem.set_val("Mach_number", mach)
     problem.set_val("alpha", alpha)
     return problem
+
+
+def test_induced_drag_of_a_section_is_refused_as_an_objective_and_accepted_in_a_sum():
+    with pytest.raises(InputError, match="CD_induced is optimised or constrained, and is 0 whatever"):
+        problem("CD_induced").run_model()
+    summed = problem("drag")
+    summed.run_model()
+    assert summed.get_val("drag").item() == summed.get_val("CD_entropy").item()
 
 
 def sources_of(problem):

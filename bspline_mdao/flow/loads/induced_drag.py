@@ -86,6 +86,11 @@ class InducedDrag:
         n = strips.n_strips
         return cls(strips, np.zeros((n, n)), np.eye(n + 1), np.full(n, 0.5))
 
+    @property
+    def has_wake(self) -> bool:
+        """Whether there is a wake, and so an induced drag."""
+        return bool(self.loads.any())
+
     def evaluate(
         self,
         forces: np.ndarray,  # (n_faces, 3), forces on the wall faces divided by the dynamic pressure (m^2)

@@ -36,7 +36,7 @@ from .flow_files import load_states, save_states, write_fields
 from .moved_hinge import MovedHingeMoment
 from .outputs import declare_outputs, documents_outputs
 from .references import REFERENCES, declare_references
-from .spurious_drag import drag_sources, is_optimised, warn_of_spurious_drag
+from .spurious_drag import drag_sources, is_optimised, refuse_no_induced_drag, warn_of_spurious_drag
 from .trimmed_state import TrimmedState
 
 
@@ -371,6 +371,7 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
             outputs[name] = value
         if not self._is_looked_at and not np.iscomplexobj(at[0]):
             self._is_looked_at = True
+            refuse_no_induced_drag(self, self._forces)
             if is_optimised(self, "CD"):
                 sources = drag_sources(self.options["flow"], self._forces, *at)
                 if self.comm.rank == 0:

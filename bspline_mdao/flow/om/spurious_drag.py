@@ -10,7 +10,7 @@ import warnings
 import numpy as np
 import openmdao.api as om
 
-from ...errors import SpuriousDragWarning
+from ...errors import InputError, SpuriousDragWarning
 from ...names import GRID
 from ..euler.drag_sources import DragSources, wave_drag
 from ..euler.flow_grid import FlowGrid
@@ -18,7 +18,14 @@ from ..euler.forces import FlowForces
 from ..loads.stream import RADIAN
 from .derivative_mode import outputs_downstream
 
-__all__ = ["drag_sources", "induced_and_least", "is_optimised", "warn_below_the_ellipse", "warn_of_spurious_drag"]
+__all__ = [
+    "drag_sources",
+    "induced_and_least",
+    "is_optimised",
+    "refuse_no_induced_drag",
+    "warn_below_the_ellipse",
+    "warn_of_spurious_drag",
+]
 
 MOST_SPURIOUS = 0.1
 """Fraction of an optimised drag that may be spurious."""
@@ -41,6 +48,17 @@ def drag_sources(
     total, induced = (float(np.ravel(values[name])[0]) for name in ("CD", "CD_induced"))
     wave = wave_drag(flow.discretization, states, flow.areas(nodes), mach) / forces.wing.coefficients.area
     return DragSources(total, induced, wave)
+
+
+def refuse_no_induced_drag(component: om.ExplicitComponent, forces: FlowForces) -> None:
+    """Refuse the induced drag as an objective or a constraint where there is no wake; sums with it are good."""
+    model = component._problem_meta["model_ref"]()
+    wanted = {meta["source"] for meta in model.get_responses(get_sizes=False).values()}
+    if not forces.wing.induced.has_wake and f"{component.pathname}.CD_induced" in wanted:
+        raise InputError(
+            "CD_induced is optimised or constrained, and is 0 whatever the shape: walls from one plane of symmetry to "
+            "another, as of a section, have no wake; take CD, or CD_entropy"
+        )
 
 
 def is_optimised(component: om.ExplicitComponent, name: str) -> bool:
