@@ -179,7 +179,7 @@ def _miss_numbers(miss: NearMiss) -> dict:
 
 def show_grid(grid: Grid, topology: Topology, guesses: Sequence[Patch]) -> None:
     """Print blocks, boundary faces, declared and guessed, interfaces and what looks wrong."""
-    said = f", lengths in {grid.unit}" if grid.unit else ""
+    said = f", unit of length: {grid.unit}" if grid.unit else ""
     print_title(f"{grid.source}: {counted(len(grid.blocks), 'block')}, {counted(grid.n_nodes, 'node')}{said}")
     columns = ["block", "nodes", "interfaces", "boundary", "collapsed", "name"]
     print_table(columns, _block_rows(grid, topology))

@@ -92,7 +92,7 @@ def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Pa
     """Print what was fitted and what was written."""
     mesh, faces = model.mesh, model.mesh.markers or {}
     in_plane = " in two dimensions" if mesh.n_copies > 1 else ""
-    said = f", lengths in {mesh.unit}" if mesh.unit else ""
+    said = f", unit of length: {mesh.unit}" if mesh.unit else ""
     print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}{in_plane}{said}")
     rows = [(name, f"{len(faces[name]):,}", guess.kind, guess.sure, guess.why) for name, guess in kinds.items()]
     print_table(["marker", "faces", "kind", "how sure", "why"], rows)

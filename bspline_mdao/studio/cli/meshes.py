@@ -75,7 +75,7 @@ def inspect_mesh(
                 part.write_text(draft_kinds(mesh, kinds), encoding="utf-8")
     _show_mesh(mesh, kinds, numbers, certificate)
     if walls and not numbers["to_declare"]:
-        print_lines([f"it can be moved from {', '.join(walls)}"])
+        print_lines([f"walls that can move: {', '.join(walls)}"])
     if draft:
         print_lines([f"{draft} written: mend the kinds of markers, then pass it as --patches {draft}"])
     if numbers["to_declare"]:
@@ -218,7 +218,7 @@ def _mesh_numbers(
 
 def _show_mesh(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess], numbers: dict, certificate: Certificate) -> None:
     """Print the contents of a mesh."""
-    said = f", lengths in {numbers['units']}" if numbers["units"] else ""
+    said = f", unit of length: {numbers['units']}" if numbers["units"] else ""
     print_title(
         f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}, {numbers['dimensions']} "
         f"dimensions{said}"

@@ -31,6 +31,7 @@ from ..study.reader import read_study
 from ..study.same_problem import problem_of
 from ..study.script import SCRIPT, study_script
 from ..study.study import CAD_KINDS, CASES, Study
+from ..study.toml_lines import key_lines
 from ..study.variable_kinds import VARIABLES
 from .better_designs import better_but_infeasible
 from .earlier_run import earlier_cases, recorded_cases
@@ -77,7 +78,7 @@ def optimize_study(
         print_lines(hints)
         _say_of_cad(found)
         start = working_seconds()
-        problem, names = _run(run, folder, comm, f"{study}: {output / SCRIPT} runs")
+        problem, names = _run(run, folder, comm, f"{study}: running {output / SCRIPT}")
         numbers, seconds = _numbers(problem, names["before"], names["after"]), working_seconds() - start
         numbers |= {"evaluations_before": run.n_earlier, "seconds": seconds}
         numbers |= {"gains": {gain.name: _parts(gain) for gain in _gains(names)}}
@@ -96,8 +97,9 @@ def optimize_study(
 
 @dataclass(frozen=True)
 class _Run:
-    """A run that is about to start: its script, its private output folder, and the run it continues."""
+    """A run that is about to start: its study, its script, its private output folder, and the run it continues."""
 
+    study: Study
     script: str
     private: Path
     n_earlier: int
@@ -129,7 +131,7 @@ def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: boo
     except BaseException:
         folder.discard()
         raise
-    return _Run(script, private, count_cases(earlier) if earlier else 0)
+    return _Run(study, script, private, count_cases(earlier) if earlier else 0)
 
 
 def _gains(names: dict[str, Any]) -> tuple[InducedGain, ...]:
@@ -197,6 +199,8 @@ def _run(run: _Run, folder: RunFolder, comm: Any, title: str) -> tuple[om.Proble
     if comm.size == 1 and "problem" in names:
         names["problem"].cleanup()  # closes the file of cases
     kept = _kept(run, folder) if comm.rank == 0 else ""
+    if isinstance(failure, InputError) and "model" in names and "wing" not in names:
+        failure = _of_walls(run.study, failure)
     if failure is not None:
         raise _said(failure, run, folder, kept) from None
     return names["problem"], names
@@ -240,6 +244,16 @@ def _said(failure: BaseException, run: _Run, folder: RunFolder, kept: str) -> Ba
     if isinstance(failure, InputError | MovementError):
         return type(failure)(words)
     return failure
+
+
+def _of_walls(study: Study, error: InputError) -> InputError:
+    """Error about the walls, with file and line of the key that names them."""
+    lines = key_lines(study.source.read_text(encoding="utf-8"))
+    for key in ("design", "fixed", "released", "sliding"):
+        given = study.grid[key] or ()
+        if any(f"'{name}'" in str(error) for name in ([given] if isinstance(given, str) else given)):
+            return InputError(f"{study.source}: line {lines['grid', key]}: [grid] '{key}': {error}")
+    return error
 
 
 def _as_seen(words: str, run: _Run, folder: RunFolder) -> str:

@@ -49,7 +49,7 @@ def sample_study(
     output.mkdir(parents=True, exist_ok=True)
     with replaced_file(output / SAMPLING_SCRIPT) as part:
         part.write_text(script, encoding="utf-8")
-    print_title(f"{study}: {output / SAMPLING_SCRIPT} runs")
+    print_title(f"{study}: running {output / SAMPLING_SCRIPT}")
     began = working_seconds()
     file = str((output / SAMPLING_SCRIPT).resolve())
     exec(compile(script, file, "exec"), {"__name__": "__main__", "__file__": file})

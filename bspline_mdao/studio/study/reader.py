@@ -353,9 +353,7 @@ class _Reader(Tables):
                 if name in MEASURES and name not in found:
                     required = [key for key, spec in MEASURES[name].all_keys.items() if spec.is_required]
                     if required:
-                        lacks = (
-                            f"asks for '{name}', and there is no [measures.{name}]; add it with {' and '.join(required)}"
-                        )
+                        lacks = f"asks for '{name}' without [measures.{name}]; add it with {' and '.join(required)}"
                         raise self.refuse(self._written(path), lacks)
                     defaults = {key: spec.default for key, spec in MEASURES[name].all_keys.items()}
                     found[name] = defaults | {"kind": name}
@@ -417,7 +415,9 @@ class _Reader(Tables):
             path = ("constraints", *name.split("."))
             for response in constraint_responses(name, table["of"], conditions):
                 if response.output in seen:
-                    raise self.refuse(path, f"asks for '{response.output}', as {seen[response.output]} does; leave one out")
+                    raise self.refuse(
+                        path, f"asks for '{response.output}', as {seen[response.output]} does; leave one out"
+                    )
                 if response.component in made:
                     raise self.refuse(path, "is a name already in use; choose another one and give of")
                 seen[response.output] = f"[constraints.{name}]"

@@ -94,7 +94,7 @@ def test_commands_show_lengths_in_the_unit_that_is_given(tmp_path, monkeypatch, 
         return " ".join("".join(capfd.readouterr()).split())
 
     told = said("inspect", "ball.cgns", "--units", "mm", "--json", "i.json")
-    assert "lengths in mm" in told
+    assert "unit of length: mm" in told
     assert "first heights at min (mm)" in told
     assert json.loads((tmp_path / "i.json").read_text())["units"] == "mm"
     assert "first heights at min (in)" in said("inspect", "inch.cgns")

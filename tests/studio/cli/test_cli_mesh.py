@@ -145,7 +145,7 @@ def test_both_planes_of_a_mesh_of_two_dimensions_move_alike(workplace, capsys):
 def test_lengths_are_shown_in_the_unit_that_is_said(workplace, capsys):
     assert run(["fit", "wing.su2", "-o", "wing.h5", "--units", "mm", "--json", "fit.json"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert "lengths in mm" in shown
+    assert "unit of length: mm" in shown
     assert re.search(r"narrowest spans [\d.e-]+ mm wide", shown)
     assert numbers("fit.json")["units"] == "mm"
     model = MeshModel.load("wing.h5")

@@ -37,7 +37,13 @@ def test_inspect_tells_cells_markers_box_and_heights_of_a_plane_mesh(workplace, 
     assert found["n_unmarked_faces"] == 70  # of the outer rim
     assert found["to_declare"] is None
     proved = f"proved everywhere, not only at corners: all {len(triangles) + len(quads):,} cells of 2 kinds valid"
-    for words in ("2 dimensions, lengths in mm", "airfoil", "it can be moved from airfoil", "and move along", proved):
+    for words in (
+        "2 dimensions, unit of length: mm",
+        "airfoil",
+        "walls that can move: airfoil",
+        "and move along",
+        proved,
+    ):
         assert words in text
 
 

@@ -193,6 +193,12 @@ def test_a_wrong_study_or_grid_leaves_nothing(workplace, capsys):
     Path("built.toml").write_text(LEAST_AREA.format(grid="@m6", more=""))
     assert run(["optimize", "built.toml", "-o", "out"]) == 2
     assert "built.toml: line 2: [grid] 'file' is '@m6', which is no built-in grid" in capsys.readouterr().err
+    named = 'n_control = [5, 5, 5]\ndesign = ["wng"]'
+    Path("named.toml").write_text(LEAST_AREA.format(grid="@onera_m6:7x9x7", more=named))
+    assert run(["optimize", "named.toml", "-o", "out"]) == 2
+    error = capsys.readouterr().err
+    assert "bspline-mdao: named.toml: line 4: [grid] 'design': " in error
+    assert "no patch is called 'wng'; the patches are" in error
     assert not Path("out").exists()
 
 

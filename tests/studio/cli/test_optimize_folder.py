@@ -299,7 +299,7 @@ def test_a_run_that_was_killed_goes_on_from_its_best_design(killed, capsys):
     words = f"out: is not empty; give --restart to continue from the best of {n} recorded designs, --overwrite, or"
     assert fails(capsys, "long.toml", "-o", "out").startswith(words)
     assert run(["optimize", "area.toml", "-o", "out", "--restart", "--json", "out.json"]) == 0
-    assert f"runs from the best of {n} recorded designs" in " ".join(capsys.readouterr().out.split())
+    assert f"optimize.py from the best of {n} recorded designs" in " ".join(capsys.readouterr().out.split())
     assert names_in("out") == RESULTS
     reader = om.CaseReader("out/cases.sql")
     names = reader.list_cases("driver", out_stream=None)

@@ -86,7 +86,7 @@ WRONG = {
     'of = "CD_induced" -> of = "CD_induced + thickness"': "line 13: [objective] 'of' asks for 'thickness', which is ",
     'of = "CD_induced" -> of = "sin(CD)"': "line 13: [objective] 'of' asks for 'sin(CD)'|is 'sin(CD)'",
     "equals = 0.22 -> equals = 0.22\nlower = 0.1": "line 15: [constraints] 'CL' has to have lower or upper or both, or",
-    "[constraints.CL] -> [constraints.CLL]": "line 15: [constraints] 'CLL' asks for 'CLL', which does not exist; did you",
+    "[constraints.CL] -> [constraints.CLL]": "line 15: [constraints] 'CLL' asks for 'CLL', which does not exist; did",
     "max_iterations = 20 -> max_iterations = 0": "line 19: [driver] 'max_iterations' is 0; give a whole number",
     'max_iterations = 20 -> optimizer = "SLQSP"': "line 19: [driver] 'optimizer' is 'SLQSP', which is none; did you "
     "mean 'SLSQP'? those of SciPy are SLSQP, trust-constr",

@@ -154,7 +154,7 @@ FAULTS = {
     '[families]\nflap = "f*"\nboth = ["main", "flap"] -> families = 3': "'families' is no table; write [families] and",
     'to = "main"\n -> ': "'gap' has no key 'to' (patches on the other side); give a name or pattern",
     '[measures.gap]\nkind = "clearance"\npatches = "flap"\nto = "main"\n\n[objective]\nof = "gap" -> '
-    '[objective]\nof = "clearance"': "and there is no [measures.clearance]; add it with patches and to",
+    '[objective]\nof = "clearance"': "without [measures.clearance]; add it with patches and to",
 }
 
 
