@@ -12,7 +12,7 @@ import openmdao.api as om
 
 from ...base.display import OneLine
 from ...base.text import value_names
-from ...core.om.drivers.violations import Violation, in_words, violations_of
+from ...core.om.drivers.violations import TOLERATED, Violation, in_words, violations_of
 from ...errors import InputError
 from ...flow.euler.error_estimate import ErrorEstimate
 from ...flow.functionals import OF_SECTION, numbers
@@ -45,6 +45,18 @@ class SummaryEntry(OneLine):
     upper: np.ndarray
     value_names: tuple[str, ...]  # names of the values, such as ``twist[2]``
     unit: np.ndarray  # () or (n,), what the driver sees as 1
+
+    def at_bounds(self, most: int) -> list[str]:
+        """Remarks on values of a variable at its bounds: one a value, or two for more values than ``most``."""
+        n = len(self.values)
+        if self.role != "variable":
+            return [""] * (2 if n > most else n)
+        near = TOLERATED * np.fmin(self.upper - self.lower, self.unit)
+        bounds = ("lower", self.lower), ("upper", self.upper)
+        sides = [(side, np.abs(self.values - bound) <= near) for side, bound in bounds]
+        if n > most:
+            return [f"{int(is_at.sum())} at the {side} bound" if is_at.any() else "" for side, is_at in sides]
+        return [" and ".join(f"at the {side} bound" for side, is_at in sides if is_at[number]) for number in range(n)]
 
     @property
     def violations(self) -> list[Violation]:
@@ -107,9 +119,9 @@ class DesignSummary(OneLine):
         """Write a table of the values, next to another summary of the same problem.
 
         If errors are estimated, the value on the finer member comes last, with its uncertainty. If flows were solved on
-        a finer member, their results follow. If errors are estimated in both summaries, a line for each induced drag
-        gives the reduction on either grid. Below the table stands whether a design is infeasible, which bounds it
-        violates, and by how much.
+        a finer member, their results follow. Variables at a bound are marked. If errors are estimated in both
+        summaries, a line for each induced drag gives the reduction on either grid. Below the table stands whether a
+        design is infeasible, which bounds it violates, and by how much.
 
         Parameters
         ----------
@@ -123,16 +135,17 @@ class DesignSummary(OneLine):
         """
         heads = ("", *self._heads(before, ("finer grid", "+-"), ("solved finer",), ("finer before", "finer after")))
         rows: list[tuple[str, ...]] = []
-        for role, label, columns in self._rows(before, _MOST_VALUES):
+        marks = [mark for entry in self.entries for mark in entry.at_bounds(_MOST_VALUES)]
+        for (role, label, columns), mark in zip(self._rows(before, _MOST_VALUES), marks):
             if not rows or rows[-1][0] != role:
-                rows.append((role, *heads))
-            rows.append((role, label, *(_number(value) for value in columns)))
+                rows.append((role, *heads, ""))
+            rows.append((role, label, *(_number(value) for value in columns), mark))
         widths = [max(len(row[n]) for row in rows) for n in range(1, len(heads) + 1)]
         lines = []
-        for role, label, *cells in rows:
+        for role, label, *cells, mark in rows:
             title = f"{role}s" if label == "" and role != "objective" else role if label == "" else f"  {label}"
             padded = (cell.rjust(width) for cell, width in zip(cells, widths[1:]))
-            lines.append(f"{title:<{max(widths[0] + 2, 12)}}  {'  '.join(padded)}".rstrip())
+            lines.append(f"{title:<{max(widths[0] + 2, 12)}}  {'  '.join(padded)}{mark and f'  {mark}'}".rstrip())
         lines += self.notes
         lines += [gain.words for gain in induced_gains(before.estimates if before else {}, self.estimates)]
         designs = (("before: ", before), ("after: ", self)) if before else (("", self),)

@@ -54,6 +54,25 @@ def problem(tmp_path):
     return problem
 
 
+def test_variables_at_a_bound_are_marked_and_counted_where_only_the_extremes_are_shown():
+    values, rng = np.random.default_rng(3).uniform(-0.3, 0.3, 14), np.random.default_rng(4)
+    values[[2, 5]], values[[7]] = 0.5, -0.5
+    for n, marks in ((9, {2: "upper", 5: "upper", 7: "lower"}), (14, None)):
+        order = rng.permutation(n) if marks is None else np.arange(n)
+        problem = om.Problem(reports=None)
+        problem.model.add_subsystem("f", om.ExecComp("f = sum(x)", x={"val": values[order]}), promotes=["*"])
+        problem.model.add_design_var("x", lower=-0.5, upper=0.5)
+        problem.model.add_objective("f")
+        problem.setup()
+        problem.run_model()
+        lines = [line for line in design_summary(problem).table().splitlines() if line.startswith("  x")]
+        said = [line.partition("  at the ")[2] for line in lines]
+        if marks is not None:
+            assert said == [f"{marks[k]} bound" if k in marks else "" for k in range(n)]
+        else:
+            assert [line.split("  ")[-1] for line in lines] == ["1 at the lower bound", "2 at the upper bound"]
+
+
 def test_table_file_and_json_of_a_design_say_it_of_the_values_that_are_beyond(problem, tmp_path):
     before = design_summary(problem)
     assert before.infeasible == "infeasible: g[4] is 1.5 above -0.5"
