@@ -141,6 +141,19 @@ def messages_of(path):
             yield node.value.replace("%s", "…")
 
 
+def test_pages_name_the_scripts_that_they_include():
+    """Sites that show the source of a page leave out what a directive includes."""
+    n_scripts = 0
+    for page in [*DOCS.glob("*.rst"), *(DOCS / "howto").glob("*.rst")]:
+        lines = page.read_text().splitlines()
+        text = "\n".join(line for line in lines if not line.startswith(".. "))
+        for path in re.findall(r"^\.\. literalinclude:: (\S+\.py)$", "\n".join(lines), re.M):
+            script = (page.parent / path).resolve().relative_to(DOCS.parent.resolve())
+            assert f"``{script.as_posix()}``" in text, f"{page.name}: {script}"
+            n_scripts += 1
+    assert n_scripts >= 3
+
+
 def test_messages_that_are_explained_are_in_the_code():
     page = (DOCS / "faq.rst").read_text()
     quoted = re.findall(r"^\.\. code-block:: text\n   :class: message\n\n   (.*)$", page, re.M)
