@@ -354,6 +354,12 @@ def test_the_airfoil_of_the_readme_is_that_of_its_page():
         assert command.split("#")[0].strip() in page
 
 
+def test_examples_of_docstrings_leave_no_file_where_they_run():
+    written = re.compile(r"^ *(?:>>>|\.\.\.) .*\b(?:open|save\w*|write\w*)\(\"[\w.]+\"(?!.*\+SKIP).*$", re.M)
+    modules = sorted((ROOT / "bspline_mdao").rglob("*.py"))
+    assert [(module.name, line) for module in modules for line in written.findall(module.read_text())] == []
+
+
 def test_no_two_files_of_tests_have_one_name():
     names = [path.name for path in Path(__file__).parent.rglob("test_*.py")]
     assert [name for name in set(names) if names.count(name) > 1] == []  # pytest would not collect the second

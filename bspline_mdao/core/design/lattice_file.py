@@ -48,13 +48,16 @@ def read_lattice(path: str | os.PathLike, box: str | None = None, **options: Any
 
     Examples
     --------
+    >>> import tempfile
+    >>> from pathlib import Path
     >>> import numpy as np
     >>> from bspline_mdao.design import read_lattice
     >>> box = np.moveaxis(np.indices((3, 2, 2)), 0, 3).astype(float)  # i, j and k are x, y and z
     >>> numbers = " ".join(map(str, box.transpose(3, 2, 1, 0).ravel()))  # i runs fastest
-    >>> with open("box.xyz", "w") as file:
-    ...     _ = file.write(f"1 3 2 2 {numbers}")
-    >>> lattice = read_lattice("box.xyz")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "box.xyz")
+    ...     _ = file.write_text(f"1 3 2 2 {numbers}")
+    ...     lattice = read_lattice(file)
     >>> lattice.control_points.shape, lattice.orders
     ((3, 2, 2, 3), (3, 2, 2))
     """
