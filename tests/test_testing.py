@@ -117,7 +117,10 @@ def test_totals_are_checked_in_units_of_the_driver_and_the_table_falls_by_four()
     assert check.differences < 1e-11
     np.testing.assert_allclose(check.steps, [0.1, 0.05, 0.025, 0.0125])
     np.testing.assert_allclose(check.errors[:-1] / check.errors[1:], 4.0, rtol=1e-3)
-    assert str(check).splitlines()[0].split() == ["step", "error"]
+    first, *_, limit, exact = str(check).splitlines()
+    assert first.split() == ["step", "error", "of"]
+    assert limit.endswith(f"{check.differences:.2e}  differences extrapolated to step zero")
+    assert exact.endswith(f"{check.transposed:.2e}  forward derivatives by reverse ones")
     assert len(str(check).splitlines()) == 7
 
 

@@ -35,10 +35,14 @@ class TotalsCheck(NamedTuple):
     errors: np.ndarray
 
     def __str__(self) -> str:
-        """Table of the errors."""
-        rows = [f"{step:12.2e}{error:12.2e}" for step, error in zip(self.steps, self.errors)]
-        rows += [f"{'no step':>12}{self.differences:12.2e}", f"{'transposed':>12}{self.transposed:12.2e}"]
-        return "\n".join([f"{'step':>12}{'error':>12}", *rows])
+        """Table of the errors, each with what it is between."""
+        rows = [
+            ("step", "error", "of"),
+            *((f"{step:.2e}", f"{error:.2e}", "differences") for step, error in zip(self.steps, self.errors)),
+        ]
+        rows += [("to zero", f"{self.differences:.2e}", "differences extrapolated to step zero")]
+        rows += [("none", f"{self.transposed:.2e}", "forward derivatives by reverse ones")]
+        return "\n".join(f"{step:>12}{error:>12}  {of}" for step, error, of in rows)
 
 
 def check_totals(

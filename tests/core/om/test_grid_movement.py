@@ -1,5 +1,7 @@
 """The whole chain in one group: names, initial values, totals and what is refused."""
 
+import io
+
 import numpy as np
 import openmdao.api as om
 import pytest
@@ -48,6 +50,20 @@ def problem_of(model, **options) -> om.Problem:
     problem.setup()
     problem.run_model()
     return problem
+
+
+@pytest.mark.slow
+def test_the_table_of_wrong_partials_is_empty_with_the_tolerance_of_the_page(plate):
+    wing, listed = DesignSurface.of(plate), io.StringIO()
+    problem = om.Problem(reports=False)
+    problem.model.add_subsystem("shape", wing.grid_movement([Twist("twist", wing.axis, stations=3)]), promotes=["*"])
+    problem.setup(mode="rev")
+    problem.set_val("twist", [0.0, 1.0, 2.0])
+    problem.run_model()
+    problem.check_partials(abs_err_tol=1e-6, show_only_incorrect=True, out_stream=listed)
+    assert listed.getvalue().strip() == ""
+    problem.check_partials(show_only_incorrect=True, out_stream=listed)  # each entry within 1e-6 of itself
+    assert "incorrect" in listed.getvalue()
 
 
 def bent(model, amount=0.05):
