@@ -280,9 +280,9 @@ def _fallback_lines(report: FitReport, fallback: Fallback, unit: str) -> list[st
     lines = [f"control points, by what most of each is: {counts}"]
     if fallback.least_squares_rms is not None and fallback.least_squares_invalid is not None:
         lines.append(
-            f"{fallback.n_moved:,} of {report.n_control_points:,} are not least squares alone, which leave "
-            f"{counted(fallback.least_squares_invalid, 'invalid element')}, RMS error "
-            f"{fallback.least_squares_rms:.3e} {unit}, largest {fallback.least_squares_max:.3e} {unit}"
+            f"least squares alone leave {counted(fallback.least_squares_invalid, 'invalid element')}, RMS error "
+            f"{fallback.least_squares_rms:.3e} {unit}, largest {fallback.least_squares_max:.3e} {unit}; "
+            f"{fallback.n_moved:,} of {report.n_control_points:,} control points are placed otherwise to avoid these"
         )
     return lines
 
