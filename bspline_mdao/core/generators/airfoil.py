@@ -207,7 +207,10 @@ def naca_airfoil(digits: str, blunt: bool = False) -> Airfoil:
     0.076
     """
     if not re.fullmatch(r"\d{4,5}", digits, re.ASCII) or digits[-2:] == "00":
-        raise InputError(f"NACA '{digits}': give four or five digits such as 2412 or 23012, the last two above 00")
+        raise InputError(
+            f"NACA '{digits}': give four or five digits such as 2412 or 23012, the last two above 00; others, such as "
+            f"those of the 6-series, need a file of points"
+        )
     if len(digits) == 5 and digits[1:3] not in _CAMBER:
         raise InputError(
             f"NACA '{digits}': there is no such camber line; the second and third digit are one of "

@@ -121,6 +121,7 @@ def test_one_side_of_a_file_is_mirrored_by_an_option(said):
     ("arguments", "message"),
     [
         (["naca12", "-o", "f.h5"], "NACA '12': give four or five digits"),
+        (["naca64-215", "-o", "f.h5"], "those of the 6-series, need a file of points"),
         (["nowhere.dat", "-o", "f.h5"], "nowhere.dat: No such file"),
         (["naca0012", "-o", "f.foo"], "no '.foo' files are written"),
         (["naca0012", "-o", "f.h5", "--around", "33"], "33 cells around it"),
