@@ -29,7 +29,7 @@ from .marker_pairs import turned_markers
 from .patch_certainty import place_of
 from .patch_guess import kind_of_name
 
-__all__ = ["MARKER_KINDS", "MarkerGuess", "guess_kinds", "kind_of_words"]
+__all__ = ["MARKER_KINDS", "NO_WALL", "MarkerGuess", "guess_kinds", "kind_of_words"]
 
 MARKER_KINDS = ("wall", "symmetry", "farfield", "periodic", "inner", "sliding", "other")
 """Kinds of markers: bodies, planes of symmetry, boundaries that fluid passes through, periodic sides, faces inside the
@@ -81,6 +81,10 @@ _KIND_OF_WORD = dict.fromkeys(_WALL_WORDS.split(), "wall") | {
     word: kind for kind, words in _OTHER_WORDS.items() for word in words.split()
 }
 """Kinds by words in names, besides the beginnings of names, see `kind_of_name`."""
+
+
+NO_WALL = "none of its faces", "its name says symmetry", "a plane side"
+"""How the reasons begin why a marker is unsure that is no wall to propose: it may be a plane of symmetry."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +172,7 @@ def _by_words(name: str, places: _Places) -> MarkerGuess | None:
     of_type = _KIND_OF_TYPE.get(stated) or kind_of(stated, "")
     n_outer, n_inner = places.counts(name)
     if not n_outer + n_inner:
-        return MarkerGuess("other", "unsure", "none of its faces is one of a cell")
+        return MarkerGuess("other", "unsure", f"{NO_WALL[0]} is one of a cell")
     if not n_outer and named == "periodic":  # older SU2 files have copies of the cells beyond
         return MarkerGuess("periodic", "likely", "by its name; its faces have cells on both sides")
     if not n_outer:
@@ -180,20 +184,20 @@ def _by_words(name: str, places: _Places) -> MarkerGuess | None:
     if named == "other":
         return None
     if named == "symmetry" and not places.planes(name):
-        return MarkerGuess("other", "unsure", "its name says symmetry, but it is no plane")
+        return MarkerGuess("other", "unsure", f"{NO_WALL[1]}, but it is no plane")
     return MarkerGuess(named, "sure" if named in ("wall", "symmetry", "farfield") else "likely", "by its name")
 
 
 def _side(name: str, places: _Places, walls: list[str]) -> MarkerGuess:
     """Guess at a planar side of the mesh."""
     if not walls:
-        return MarkerGuess("other", "unsure", "a plane side, and no marker is known to be a wall")
+        return MarkerGuess("other", "unsure", f"{NO_WALL[2]}, and no marker is known to be a wall")
     if any(places.ends_upright(wall, name) for wall in walls):
-        return MarkerGuess("symmetry", "likely", "a plane side in which a wall ends at a right angle")
+        return MarkerGuess("symmetry", "likely", f"{NO_WALL[2]} in which a wall ends at a right angle")
     kind, level, reason = place_of(places.distance(name), places.part(name), CELLS)
     if kind == "wall":  # the floor of a tunnel is one, and the side of a box may be anything
-        return MarkerGuess("other", "unsure", f"a plane side, {reason}")
-    return MarkerGuess(kind, level, f"a plane side, {reason}")
+        return MarkerGuess("other", "unsure", f"{NO_WALL[2]}, {reason}")
+    return MarkerGuess(kind, level, f"{NO_WALL[2]}, {reason}")
 
 
 class _Places:

@@ -20,7 +20,7 @@ import tomlkit
 
 from ...errors import InputError
 from ..cells.mixed_cells import MixedMesh
-from .marker_guess import MARKER_KINDS, MarkerGuess, guess_kinds
+from .marker_guess import MARKER_KINDS, NO_WALL, MarkerGuess, guess_kinds
 from .patches import check_keys, is_nmf, listed, parse_toml, read_patches_text
 
 __all__ = ["draft_kinds", "marker_kinds", "read_kinds", "undecided"]
@@ -135,9 +135,10 @@ def undecided(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess]) -> str:
                 f"{mesh.source}: no marker looks like a wall but '{plates[0]}', and it has cells on both sides, which "
                 f"share its nodes; write the mesh with its nodes doubled there (by Gmsh's plugin Crack)"
             )
-        open_ones = [name for name, guess in kinds.items() if guess.sure == "unsure"] or list(kinds)
+        open_ones = [n for n, guess in kinds.items() if guess.sure == "unsure" and not guess.why.startswith(NO_WALL)]
+        name = (open_ones or (list(kinds) if len(kinds) == 1 else ["NAME"]))[0]
         return (
-            f'{mesh.source}: no marker looks like a wall; declare one, such as "{open_ones[0]}" = "wall" below [kinds] '
+            f'{mesh.source}: no marker looks like a wall; declare one, such as "{name}" = "wall" below [kinds] '
             f"in a file for --patches; markers are {listed(list(kinds))}"
         )
     return ""

@@ -12,7 +12,7 @@ from bspline_mdao.files import read_mesh, write_polymesh
 from bspline_mdao.generators import brick_grid
 from bspline_mdao.grids.io.marker_guess import kind_of_words
 from bspline_mdao.grids.io.marker_kinds import draft_kinds, undecided
-from bspline_mdao.meshes import MixedMesh, guess_kinds, marker_kinds, read_kinds, with_markers
+from bspline_mdao.meshes import MarkerGuess, MixedMesh, guess_kinds, marker_kinds, read_kinds, with_markers
 
 
 def box(n=(6, 5, 4), hole=None, stretched=1.0):
@@ -94,10 +94,18 @@ def test_a_box_has_no_wall_that_can_be_told_and_the_message_says_what_to_declare
     assert {guess.kind for guess in guesses.values()} == {"other"}
     assert {guess.sure for guess in guesses.values()} == {"unsure"}
     message = undecided(brick, guesses)
-    assert 'no marker looks like a wall; declare one, such as "a" = "wall" below [kinds]' in message
+    assert 'no marker looks like a wall; declare one, such as "NAME" = "wall" below [kinds]' in message
     assert "a, b, c, d, e, f" in message
     assert not undecided(mesh(), guess_kinds(mesh()))
     assert "has no markers" in undecided(brick, {})
+
+
+def test_the_marker_that_is_proposed_as_a_wall_is_no_plane_side():
+    brick = box()
+    guesses = guess_kinds(brick) | {"d": MarkerGuess("other", "unsure", "near the middle")}
+    assert 'declare one, such as "d" = "wall"' in undecided(brick, guesses)
+    guesses["c"] = MarkerGuess("symmetry", "sure", "by its name")
+    assert 'declare one, such as "d" = "wall"' in undecided(brick, guesses)
 
 
 def test_a_declared_wall_tells_which_sides_are_symmetry(tmp_path):
