@@ -339,6 +339,11 @@ class MeshModel(Plottable, Movable):
         return map_to_surface(self.mesh, walls, np.concatenate([self.wall_rows, self.rows_at_rest]), surface)
 
     @property
+    def length_unit(self) -> str:
+        """Unit of its lengths: metres if no other is known."""
+        return self.mesh.length_unit
+
+    @property
     def source(self) -> str:
         """Where the mesh comes from."""
         return self.mesh.source

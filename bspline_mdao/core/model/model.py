@@ -57,6 +57,11 @@ class Model(Movable):
         return self.header.grid(self.topology.shapes, nodes)
 
     @property
+    def length_unit(self) -> str:
+        """Unit of its lengths: metres if no other is known."""
+        return self.header.length_unit
+
+    @property
     def source(self) -> str:
         """File of the grid."""
         return self.header.source

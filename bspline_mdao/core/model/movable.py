@@ -92,6 +92,11 @@ class Movable(ABC):
         """Source of the model, for messages."""
 
     @property
+    def length_unit(self) -> str:
+        """Unit of its lengths: metres if no other is known."""
+        return "m"
+
+    @property
     @abstractmethod
     def n_nodes(self) -> int:
         """Number of nodes of the whole model."""

@@ -12,6 +12,7 @@ import openmdao.api as om
 
 from ...base.display import OneLine
 from ...base.text import value_names
+from ...core.model.movable import Movable
 from ...core.om.drivers.violations import TOLERATED, Violation, in_words, violations_of
 from ...errors import InputError
 from ...flow.euler.error_estimate import ErrorEstimate
@@ -302,7 +303,7 @@ def design_summary(
     )
     is_scaled = getattr(driver, "_autoscaler", None) is None
     entries = [
-        _entry(role, metas[name], np.ravel(values), is_scaled)
+        _entry(role, metas[name], np.ravel(values), is_scaled, _length_unit(problem, metas[name]["source"]))
         for role, metas, all_values in found
         for name, values in all_values.items()
     ]
@@ -374,7 +375,18 @@ def _name(meta: dict) -> str:
     return str(meta.get("alias") or meta["name"])
 
 
-def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool) -> SummaryEntry:
+def _length_unit(problem: om.Problem, source: str) -> str:
+    """Unit of the grid that a variable moves, or a response is of: components count lengths of any grid in metres."""
+    ends = [source, *(end for end, of in problem.model._conn_global_abs_in2out.items() if of == source)]
+    for system in problem.model.system_iter(include_self=True, recurse=True):
+        inside = f"{system.pathname}." if system.pathname else ""
+        if "model" in system.options and any(end.startswith(inside) for end in ends):
+            model = system.options["model"]
+            return model.length_unit if isinstance(model, Movable) else "m"
+    return "m"
+
+
+def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool, length_unit: str) -> SummaryEntry:
     """Record one variable or response, with its bounds in its own units."""
     # Up to OpenMDAO 3.43 the bounds are scaled when they are declared.
 
@@ -387,6 +399,7 @@ def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool) -> Summar
         return np.where(np.abs(bound) < _UNBOUNDED, bound, np.nan)
 
     name, indices, units = _name(meta), meta.get("indices"), meta.get("units") or ""
+    units = length_unit if units == "m" else units
     names = value_names(name, values.size, None if indices is None else indices.shaped_array(flat=True))
     scaler = meta.get("total_scaler")
     unit = np.ones(()) if scaler is None else 1.0 / np.abs(scaler)

@@ -80,6 +80,20 @@ def test_a_draft_of_a_section_leads_to_less_skin_around_the_same_area(workplace,
 
 
 @pytest.mark.slow
+def test_variables_of_a_mesh_in_millimetres_are_shown_in_them_as_its_cells_are(workplace, capsys):
+    (workplace / "plane.su2").write_text(plane_su2_text())
+    (workplace / "kinds.toml").write_text('[kinds]\n"airfoil" = "wall"\n')
+    assert run(["fit", "plane.su2", "--patches", "kinds.toml", "--units", "mm", "-o", "plane.h5"]) == 0
+    assert run(["init", "plane.h5", "-o", "study.toml"]) == 0
+    capsys.readouterr()
+    assert run(["optimize", "study.toml", "-o", "out", "--max-iterations", "2"]) == 0
+    shown = capsys.readouterr().out
+    assert "shape[0] (mm)" in shown
+    assert "smallest area (mm^2)" in shown
+    assert "(m)" not in shown
+
+
+@pytest.mark.slow
 def test_a_study_of_a_mesh_gives_the_script_that_gives_the_same_and_goes_on(body, capsys):
     assert run(["optimize", "study.toml", "-o", "out", "--max-iterations", "3"]) == 0
     assert lines_but_nodes(Path("out/grid_after.su2").read_text()) == lines_but_nodes(Path("body.su2").read_text())
