@@ -92,10 +92,11 @@ y_plus_option = click.option(
 def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
     """Make an O- or C-grid around an airfoil, and fit it if the output is a model.
 
-    AIRFOIL is four or five NACA digits, such as naca2412 or naca23012; class-shape coefficients from the nose to the trailing edge,
-    cst:UPPER/LOWER, separated by commas, with /BASE for the height of a blunt trailing edge; or a file of points in
-    Selig or Lednicer order, or two plain columns, in any unit: it is scaled to --chord. Other sections, such as the
-    NACA 6-series, need such a file, from a database of airfoil coordinates. The name of GRID sets the format: {written}.
+    AIRFOIL is four or five NACA digits, such as naca2412 or naca23012; class-shape coefficients from the nose to the
+    trailing edge, cst:UPPER/LOWER, separated by commas, with /BASE for the height of a blunt trailing edge; or a file
+    of points in Selig or Lednicer order, or two plain columns, in any unit: it is scaled to --chord. Other sections,
+    such as the NACA 6-series, need such a file, from a database of airfoil coordinates. The name of GRID sets the
+    format: {written}.
     """
     with without_collector():
         from .airfoil import AirfoilOptions, make_airfoil
