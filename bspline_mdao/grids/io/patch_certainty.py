@@ -28,7 +28,7 @@ VERY_FINE = 0.2
 CLEARLY = 1.5
 """A face is clearly far, or near, if its distance is the far-field limit times, or divided by, this factor."""
 
-LINES = "the mean of their lines"
+LINES = "the mean of their grid lines"
 """What first cells of structured grids are compared with."""
 
 
@@ -82,7 +82,7 @@ def judge_place(
 def place_of(distance: float, part: float | None, of: str = LINES) -> tuple[str, str, str]:
     """Guess kind, level and reason from the distance from the middle, and check the first cells; see `judge_place`."""
     kind, far = ("farfield" if distance > FAR else "wall"), distance / FAR
-    reason = f"{far:.2g} of the distance that is far" + _cells_text(part, of)
+    reason = f"distance from the middle {far:.2g} of the far-field limit" + _cells_text(part, of)
     is_fine, is_coarse = part is not None and part < FINE, part is not None and part > COARSE
     agrees, contradicts = (is_coarse, is_fine) if kind == "farfield" else (is_fine, is_coarse)
     is_clear = far > CLEARLY if kind == "farfield" else far < 1.0 / CLEARLY
