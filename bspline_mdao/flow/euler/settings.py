@@ -120,8 +120,9 @@ class StartSettings:
     """Settings of the steps in all cases."""
 
     flat: float = 25.0
-    """Cells whose long time steps are longer by more than this factor are flat. A tenth of the cells exceed 3 to 14
-    on H-H grids made here, 37 to 992 on other grids with the spacing of boundary layers."""
+    """Cells whose long time steps are longer by more than this factor are flat. The factor that a tenth of
+    the cells at walls exceed is 3 to 14 on H-H grids made here, and 37 to 992 on other grids with the spacing of
+    boundary layers."""
 
     most_flat: float = 0.1
     """Fraction of flat cells at walls and planes of symmetry above which long time steps come first."""
