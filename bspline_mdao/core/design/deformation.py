@@ -304,7 +304,10 @@ class Rotate:
         return about_axis(points, self.hinge, self.amount * self.part.weights(points))
 
 
-TURNED = {ScaleChord: (RotateSections, Pitch, Rotate), ScaleThickness: (RotateSections, Pitch, Rotate, Bend)}
+TURNED: dict[type, tuple[type, ...]] = {
+    ScaleChord: (RotateSections, Pitch, Rotate),
+    ScaleThickness: (RotateSections, Pitch, Rotate, Bend),
+}
 """Maps before which a scaling is to come, since they turn sections away from the axis along which it scales."""
 
 
