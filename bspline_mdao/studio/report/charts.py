@@ -125,6 +125,8 @@ def history_charts(history: CaseHistory) -> list[Chart]:
     residuals, violations = convergence.residuals, convergence.violations
     least = FEASIBLE if not residuals.size else min(FEASIBLE, residuals.min(where=residuals > 0.0, initial=np.inf))
     visible = np.where(violations < least, np.nan, violations)  # no empty decades below
+    if not (residuals > 0.0).any() and np.isnan(visible).all():
+        return charts  # not recorded, and nothing is violated: there is no line to draw
     data = [
         _line("largest violation", np.arange(len(visible)), visible, {"color": ORANGE, "width": 1.6, "dash": "dot"})
     ]
@@ -204,7 +206,9 @@ def pressure_chart(shapes: Sequence[Shape], name: str, corners: np.ndarray, axes
     if not shapes:
         return None
     order = [axes.downstream, axes.up, axes.span]
-    places = places_of(shapes[0].nodes[corners], axes)
+    first = shapes[0].nodes[corners][..., order]
+    strips = {first[faces_around(first, place), :, 2].mean() for place in places_of(shapes[0].nodes[corners], axes)}
+    places = sorted(strips)  # each strip of faces once, and named where it is
     data: list[dict[str, Any]] = []
     layout: dict[str, Any] = {"grid": {"rows": len(places), "columns": 1, "pattern": "independent"}, "annotations": []}
     for row, place in enumerate(places, start=1):

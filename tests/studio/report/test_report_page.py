@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -15,10 +16,11 @@ from bspline_mdao.core.om.drivers.case_history import read_history
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.error_estimate import ErrorEstimate
 from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.plotting import faces_around, wall_quads
 from bspline_mdao.studio.cli.main import run
 from bspline_mdao.studio.plotting.cuts import cut
 from bspline_mdao.studio.report import openmdao_report
-from bspline_mdao.studio.report.charts import section_chart
+from bspline_mdao.studio.report.charts import history_charts, section_chart
 from bspline_mdao.studio.report.shape import Axes, Shape
 from bspline_mdao.studio.report.walls import DrawnWalls
 
@@ -121,6 +123,25 @@ def test_both_shapes_and_their_pressures_are_drawn(page, model):
     }
     assert sum(t["visible"] for t in meshes) == 1
     assert {t["name"] for t in page.charts["pressure-Cp"]["data"]} == {"Before", "After"}
+
+
+def test_pressures_are_named_by_the_place_of_their_strip_and_each_strip_is_drawn_once(page, model):
+    quads = model.regenerate().to_vector().reshape(-1, 3)[wall_quads(model)]
+    notes = " ".join(note["text"] for note in page.charts["pressure-Cp"]["layout"]["annotations"])
+    places = re.findall(r"z = ([-+.e\d]+) m", notes)
+    strips = [faces_around(quads, float(place)) for place in places]
+    assert len(places) == len({tuple(strip) for strip in strips}) > 1
+    for place, strip in zip(places, strips):
+        assert float(place) == pytest.approx(quads[strip, :, 2].mean(), rel=6e-3)
+
+
+def test_convergence_has_no_chart_without_derivatives_where_nothing_is_violated(case_file):
+    history = read_history(case_file)
+    recorded = history.convergence
+    nothing = recorded._replace(residuals=np.array([]), violations=0.0 * recorded.violations)
+    keys = [chart.key for chart in history_charts(replace(history, convergence=nothing))]
+    assert "convergence" in [chart.key for chart in history_charts(history)]
+    assert "convergence" not in keys
 
 
 def test_a_model_alone_has_a_page_of_its_own(model, tmp_path):
