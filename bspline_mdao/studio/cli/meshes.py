@@ -307,11 +307,11 @@ def _show_quality(name: str, mesh: MixedMesh, numbers: dict, baseline: str | Non
             (f"faces of skewness above {SKEWED:g}", f"{skewness['n_skewed']:,}"),
         ],
     )
-    shown = (
+    columns = (
         ("heights", "first nodes above", f"min ({mesh.length_unit})"),
         ("ratios", "heights relative to the baseline at", "min"),
     )
-    for key, title, minimum in shown:
+    for key, title, minimum in columns:
         rows = [(wall["marker"], *map(_short, wall[key].values())) for wall in numbers["heights"] if wall.get(key)]
         if rows:
             print_table([title, minimum, "1 %", "median", "99 %", "max"], rows)
