@@ -67,10 +67,14 @@ def _thickness(triangles: np.ndarray, stream: float, span: float) -> float:
     """Distance between the lowest and the highest point of triangles, shape (n, 3, 3), on a line along the normal."""
     sides = np.moveaxis(triangles[:, 1:] - triangles[:, :1], 1, 0)[..., [0, 2]]
     off = [stream, span] - triangles[:, 0, [0, 2]]
-    cross = lambda a, b: a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]  # noqa: E731
-    area = cross(*sides)
+    area = _cross(*sides)
     whole = np.where(area == 0.0, np.inf, area)
-    second, third = cross(off, sides[1]) / whole, cross(sides[0], off) / whole
+    second, third = _cross(off, sides[1]) / whole, _cross(sides[0], off) / whole
     weights = np.stack([1.0 - second - third, second, third], axis=1)
     is_met = (weights >= -1e-9).all(axis=1) & (area != 0.0)  # on an edge both of its triangles are met
     return float(np.ptp(np.sum(weights * triangles[..., 1], axis=1)[is_met])) if is_met.any() else 0.0
+
+
+def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Cross products of vectors in a plane, shape (n, 2)."""
+    return first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
