@@ -225,6 +225,10 @@ def test_a_mesh_without_structure_moves_as_the_page_says(tmp_path, monkeypatch):
     rows, before = contents["model"].wall_rows, mesh().points
     moved = read_mesh("moved.su2").mesh.points
     np.testing.assert_allclose(moved[rows], before[rows] * [1.0, 1.0, 1.1], rtol=0, atol=1e-12)
+    assert np.abs(contents["nodes"] - before)[rows].max() > 0.01
+    (total,) = contents["totals"].values()
+    assert np.isfinite(total).all()
+    assert total.any()
 
 
 def test_overset_grids_move_as_the_page_says(tmp_path, monkeypatch):

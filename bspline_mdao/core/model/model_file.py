@@ -192,7 +192,10 @@ def opened_model(path: str | os.PathLike) -> Iterator[h5py.File]:
         if "CGNSLibraryVersion" in file:
             raise InputError(f"{path}: is a CGNS grid, and {MODEL} is a fitted model; name it .cgns, or fit it first")
         if file.attrs.get("format") == MESH_MODEL_FORMAT:
-            raise InputError(f"{path}: is the model of a lattice around a mesh, and a fitted grid is needed here")
+            raise InputError(
+                f"{path}: is the model of a lattice around a mesh, and a fitted grid is needed here; read it by "
+                f"MeshModel.load in Python, and give its mesh {file.attrs.get('mesh_file', '')} to inspect and quality"
+            )
         if file.attrs.get("format") != MODEL_FORMAT:
             raise InputError(f"{path}: is an HDF5 file, but not a fitted model; make one with the command fit")
         if file.attrs["version"] > VERSION:

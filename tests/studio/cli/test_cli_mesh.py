@@ -219,6 +219,8 @@ def test_what_cannot_be_fitted_or_moved_ends_in_one_line(workplace, capsys):
     fails_as_expected([*move, "moved.vtu"], capsys, "written as it is read")
     fails_as_expected([*move, "moved.su2", "--mover", "elasticity"], capsys, "leave out --mover")
     fails_as_expected(["refine", "wing.h5", "-o", "fine.xyz"], capsys, "is the model of a lattice around a mesh")
+    for command in ("inspect", "quality"):
+        fails_as_expected([command, "wing.h5"], capsys, "MeshModel.load in Python, and give its mesh ", "wing.su2 to")
     fails_as_expected([*move, "wing.su2"], capsys, "wing.su2")
     fails_as_expected([*move, "moved.su2", "--surface", "wing.step"], capsys, "leave out --surface wing.step")
     fails_as_expected([*move, "moved.su2", "--design", "tail"], capsys, "no patch is called 'tail'")
