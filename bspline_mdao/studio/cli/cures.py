@@ -6,10 +6,9 @@ inverts no cell is the last, and there are at most five.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from ...grids.topology.topology import Topology
 from .movers import MoverOptions
 from .output import print_lines
 
-__all__ = ["Trial", "proposals", "tried", "try_cures", "verdict"]
+__all__ = ["Trial", "proposals", "try_cures", "try_each", "verdict"]
 
 MANY = 10
 """Increments of elasticity to try: a control mesh that tangles with fewer may not tangle."""
@@ -103,21 +102,24 @@ def try_cures(
     options: Any, topology: Topology, mesh: MovingMesh, adjacent: Sequence[str], count: Callable[[Any], int]
 ) -> list[Trial]:
     """Try `proposals` until one inverts no cell; ``count`` makes a move and counts the cells that it inverts."""
+    return try_each(proposals(options, topology, mesh, adjacent), count)
+
+
+def try_each(
+    attempts: Iterable[tuple[str, Any]],  # what to type, and what ``count`` makes of it
+    count: Callable[[Any], int],  # makes a move and counts the cells that it inverts
+) -> list[Trial]:
+    """Make trial moves, which may take minutes and are announced, until one inverts no cell."""
     trials: list[Trial] = []
-    for text, changed in proposals(options, topology, mesh, adjacent):
-        trials.append(tried(text, partial(count, changed)))
+    for text, changed in attempts:
+        print_lines([f"the move inverts cells; trying {text}"])
+        try:
+            trials.append(Trial(text, count(changed)))
+        except (InputError, MovementError):
+            trials.append(Trial(text, None))
         if trials[-1].n_inverted == 0:
             break
     return trials
-
-
-def tried(text: str, count: Callable[[], int]) -> Trial:
-    """Make a trial move, which may take minutes, and say so; ``count`` makes it and counts the inverted cells."""
-    print_lines([f"the move inverts cells; trying {text}"])
-    try:
-        return Trial(text, count())
-    except (InputError, MovementError):
-        return Trial(text, None)
 
 
 def verdict(trials: Sequence[Trial]) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ from ...core.movement.mover import Movement
 from ...errors import InputError, MovementError
 from ...grids.cells.overlap_change import OverlapChange
 from ...grids.io.meshes.blocks import BlockMeshFile
-from .cures import Trial, tried, verdict
+from .cures import Trial, try_each, verdict
 from .mesh_fit import lattice_numbers, show_lattice
 from .mesh_periodic import gap_lines, side_numbers, split_lines
 from .move import MoveOptions, still_lines, write_points
@@ -62,6 +61,11 @@ class _Moved:
     notes: tuple[str, ...] = ()  # remarks of the deformations, and what may be wrong with them
     warnings: tuple[str, ...] = ()
     n_inverted_before: int = 0  # cells that the lattice of the model inverted, if it was refined for the move
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the box around the mesh (m)."""
+        return float(np.linalg.norm(np.ptp(self.model.mesh.points, axis=0)))
 
     @property
     def periodic(self) -> list[dict]:
@@ -168,27 +172,20 @@ def _refined(moved: _Moved, options: MoveOptions) -> _Moved | None:
 
 def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:
     """Try finer lattices, until one inverts no cell."""
-    trials: list[Trial] = []
-    for part in FINER:
-        settings, text = _finer(model, part)
-        trials.append(tried(text, partial(_n_inverted, model, settings, options)))
-        if trials[-1].n_inverted == 0:
-            break
-    return trials
+
+    def n_inverted(settings: LatticeSettings) -> int:
+        return len(_move(model.with_settings(settings), options).cells.newly_inverted)
+
+    return try_each((_finer(model, part) for part in FINER), n_inverted)
 
 
-def _n_inverted(model: MeshModel, settings: LatticeSettings, options: MoveOptions) -> int:
-    """Number of cells that the move inverts with another lattice."""
-    return len(_move(model.with_settings(settings), options).cells.newly_inverted)
-
-
-def _finer(model: MeshModel, part: float) -> tuple[LatticeSettings, str]:
-    """Settings of a lattice with spans that are a fraction of a model's, and the text to type for it."""
+def _finer(model: MeshModel, part: float) -> tuple[str, LatticeSettings]:
+    """Text to type for a lattice with spans that are a fraction of a model's, and its settings."""
     if model.settings.spacing:
         spacing = float(f"{model.settings.spacing / part:.2g}")
-        return replace(model.settings, spacing=spacing), f"a model by 'fit --spacing {spacing:g}'"
+        return f"a model by 'fit --spacing {spacing:g}'", replace(model.settings, spacing=spacing)
     spans = float(f"{model.settings.spans * part:.2g}")
-    return replace(model.settings, spans=spans), f"a model by 'fit --spans {spans:g}'"
+    return f"a model by 'fit --spans {spans:g}'", replace(model.settings, spans=spans)
 
 
 def _complaint(moved: _Moved, trials: Sequence[Trial]) -> str:
@@ -244,12 +241,11 @@ def _show(output: Path, moved: _Moved) -> None:
     if moved.overlap is not None:
         print_lines(moved.overlap.lines())
     print_lines([f"{output} written, {moved.seconds:.2f} s for the move"])
-    warnings = [*moved.warnings, *still_lines(largest, float(np.linalg.norm(np.ptp(mesh.points, axis=0))))]
+    warnings = [*moved.warnings, *still_lines(largest, moved.size)]
     print_warnings([*warnings, *unit_warnings(output, mesh), *moved.mesh.warnings(), *_split_lines(moved)])
 
 
 def _split_lines(moved: _Moved) -> list[str]:
     """Say whether walls that end on both periodic sides were to move differently there."""
-    (off, where), mesh = moved.split, moved.model.mesh
-    size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
-    return split_lines(off, size, mesh.length_unit, f"{where}, which moves as its copy does")
+    off, where = moved.split
+    return split_lines(off, moved.size, moved.model.mesh.length_unit, f"{where}, which moves as its copy does")
