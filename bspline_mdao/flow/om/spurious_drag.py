@@ -52,9 +52,7 @@ def drag_sources(
 
 def refuse_no_induced_drag(component: om.ExplicitComponent, forces: FlowForces) -> None:
     """Refuse the induced drag as an objective or a constraint where there is no wake; sums with it are good."""
-    model = component._problem_meta["model_ref"]()
-    wanted = {meta["source"] for meta in model.get_responses(get_sizes=False).values()}
-    if not forces.wing.induced.has_wake and f"{component.pathname}.CD_induced" in wanted:
+    if not forces.wing.induced.has_wake and f"{component.pathname}.CD_induced" in _wanted(component):
         raise InputError(
             "CD_induced is optimised or constrained, and is 0 whatever the shape: walls from one plane of symmetry to "
             "another, as of a section, have no wake; take CD, or CD_entropy"
@@ -64,8 +62,13 @@ def refuse_no_induced_drag(component: om.ExplicitComponent, forces: FlowForces) 
 def is_optimised(component: om.ExplicitComponent, name: str) -> bool:
     """Whether an output of a component is an objective or a constraint of the problem, or one depends on it."""
     model = component._problem_meta["model_ref"]()
-    wanted = {meta["source"] for meta in model.get_responses(get_sizes=False).values()}
-    return not wanted.isdisjoint(outputs_downstream(model, {f"{component.pathname}.{name}"}))
+    return not _wanted(component).isdisjoint(outputs_downstream(model, {f"{component.pathname}.{name}"}))
+
+
+def _wanted(component: om.ExplicitComponent) -> set[str]:
+    """Outputs that are objectives or constraints of the problem of a component."""
+    model = component._problem_meta["model_ref"]()
+    return {meta["source"] for meta in model.get_responses(get_sizes=False).values()}
 
 
 def warn_of_spurious_drag(path: str, sources: DragSources) -> None:
