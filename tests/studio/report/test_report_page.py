@@ -164,7 +164,8 @@ def test_a_grid_without_patches_is_drawn_as_its_boundary(tmp_path):
 
 
 @pytest.mark.slow
-def test_what_is_missing_is_said_and_the_advice_is_right(model, tmp_path):
+def test_what_is_missing_is_said_and_the_advice_is_right(tmp_path):
+    model = small_model()  # other tests save theirs, and its file is found
     file = recorded_wing(tmp_path, model, includes=(), record_derivatives=False)
     alone = write_report(tmp_path / "alone.html", file)
     with_model = write_report(tmp_path / "with.html", file, model)
