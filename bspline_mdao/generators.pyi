@@ -25,14 +25,11 @@ from .core.generators.shell import ball_grid as ball_grid
 from .core.generators.shell import brick_grid as brick_grid
 from .core.generators.target_shapes import Shape as Shape
 from .core.generators.target_shapes import fit_shape as fit_shape
-from .core.generators.target_shapes import lay_nodes as lay_nodes
-from .core.generators.target_shapes import lay_walls as lay_walls
 from .core.generators.target_shapes import nodes_on_shape as nodes_on_shape
 from .core.generators.wing import Planform as Planform
 from .core.generators.wing import Section as Section
 from .core.generators.wing import Wing as Wing
 from .core.generators.wing import cambered_section as cambered_section
-from .core.generators.wing import flat_section as flat_section
 from .core.generators.wing import naca_section as naca_section
 from .core.generators.wing_spacing import FarField as FarField
 from .core.generators.wing_spacing import Spacing as Spacing

@@ -8,6 +8,7 @@ import pytest
 
 from bspline_mdao import InputError, find_topology, read_grid
 from bspline_mdao.core.fit.surface_fit import replace_nodes
+from bspline_mdao.core.generators.target_shapes import lay_walls
 from bspline_mdao.flow.loads.induced_drag import InducedDrag, Wake
 from bspline_mdao.flow.loads.span_strips import SpanStrips
 from bspline_mdao.generators import (
@@ -20,7 +21,6 @@ from bspline_mdao.generators import (
     flat_plate_grid,
     generic_blended_wing_body,
     hh_wing_grid,
-    lay_walls,
     onera_d_section,
     onera_m6_planform,
     rectangular_wing,

@@ -33,11 +33,11 @@ class Shape(Protocol):
     Examples
     --------
     >>> import numpy as np
-    >>> from bspline_mdao.generators import BlendedWingBody, Planform, Wing, lay_nodes, naca_section
+    >>> from bspline_mdao.generators import Planform, Wing, naca_section
     >>> wing = Wing(Planform(semi_span=3.0), naca_section(0.12))  # a wing is a shape, as is a BlendedWingBody
-    >>> chord, span = np.meshgrid([0.0, 0.5, 1.0], [0.0, 1.0], indexing="ij")
-    >>> lay_nodes(wing, +1, chord, span)[..., 2].round(3).tolist()
-    [[0.0, 3.0], [0.0, 3.0], [0.0, 3.0]]
+    >>> chord = np.broadcast_to([0.0, 0.5, 1.0], (len(wing.stations), 3))
+    >>> wing.place(wing.sections(+1, chord))[[0, -1], :, 2].round(3).tolist()  # spans of the root and of the tip
+    [[0.0, 0.0, 0.0], [3.0, 3.0, 3.0]]
     """
 
     stations: np.ndarray
@@ -56,8 +56,8 @@ def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape | Triang
     Parameters
     ----------
     model : FittedModel
-        Model of a grid about a wing with patches ``wing_upper`` and ``wing_lower``, see `lay_walls`; or of any grid
-        with walls if the shape is triangles.
+        Model of a grid about a wing with patches ``wing_upper`` and ``wing_lower`` of one face each, i along the chord
+        and k along the span, as from `hh_wing_grid`; or of any grid with walls if the shape is triangles.
     surface_ids : ndarray of int, shape (n_surface,)
         Numbers of the control points of both patches, such as ``surface_ids`` of the moving mesh.
     shape : Shape or Triangles
@@ -119,33 +119,7 @@ def nodes_on_shape(model: FittedModel, shape: Shape) -> np.ndarray:
 
 
 def lay_walls(grid: Grid, shape: Shape) -> list[tuple[Window, np.ndarray]]:
-    """Lay the wall nodes of a grid about a wing on another shape, with the same fractions.
-
-    Parameters
-    ----------
-    grid : Grid
-        Grid with patches ``wing_upper`` and ``wing_lower``, i along the chord and k along the span, as from
-        `hh_wing_grid`.
-    shape : Shape
-        The other shape.
-
-    Returns
-    -------
-    list of (Window, ndarray of the window's shape and 3)
-        New nodes of the walls (m).
-
-    Raises
-    ------
-    InputError
-        If the grid has no such patches.
-
-    Examples
-    --------
-    >>> from bspline_mdao.generators import Planform, Wing, hh_wing_grid, lay_walls, naca_section, rectangular_wing
-    >>> wing = Wing(Planform(semi_span=3.0, taper=0.5), naca_section(0.12))
-    >>> [nodes.shape for _, nodes in lay_walls(hh_wing_grid(rectangular_wing(), (5, 5, 5)), wing)]
-    [(5, 1, 5, 3), (5, 1, 5, 3)]
-    """
+    """Nodes of the walls (m) laid on another shape at the same fractions, in the shape of each window and 3."""
     windows = {patch.name: patch.windows for patch in grid.patches}
     for name in _SIDES:
         if len(windows.get(name, ())) != 1 or windows[name][0].shape[1] != 1:
@@ -159,31 +133,7 @@ def lay_walls(grid: Grid, shape: Shape) -> list[tuple[Window, np.ndarray]]:
 
 
 def lay_nodes(shape: Shape, side: int, chord: np.ndarray, span: np.ndarray) -> np.ndarray:
-    """Lay nodes on one side of a shape.
-
-    Parameters
-    ----------
-    shape : Shape
-        The surface.
-    side : int
-        +1 upper, -1 lower.
-    chord, span : ndarray, shape (ni, nk)
-        Fractions of every node, from 0 to 1, ascending along i and along k.
-
-    Returns
-    -------
-    ndarray, shape (ni, nk, 3)
-        Nodes (m). Both sides give the same nodes at the leading edge, the trailing edge and the tip; nodes of the root
-        are in the plane z = 0.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from bspline_mdao.generators import lay_nodes, rectangular_wing
-    >>> chord, span = np.meshgrid([0.0, 0.5, 1.0], [0.0, 1.0], indexing="ij")
-    >>> lay_nodes(rectangular_wing(), +1, chord, span).shape
-    (3, 2, 3)
-    """
+    """Nodes (ni, nk, 3) on the upper (+1) or lower (-1) side of a shape at fractions (ni, nk), ascending along both."""
     stations = shape.stations
     along = stations / stations[-1]
     fractions = np.stack([np.interp(along, g, f) for f, g in zip(chord, span)], axis=1)

@@ -199,15 +199,7 @@ class Section(OneLine):
 
 
 def flat_section() -> Section:
-    """Make a section without thickness.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from bspline_mdao.generators import flat_section
-    >>> float(np.abs(flat_section().upper[:, 1]).max())
-    0.0
-    """
+    """A section without thickness."""
     return Section.symmetric(np.array([[0.0, 0.0], [1.0, 0.0]]))
 
 

@@ -8,6 +8,7 @@ import pytest
 from bspline_mdao.core.generators import wing
 from bspline_mdao.core.generators.canonical import ONERA_D_UPPER
 from bspline_mdao.core.generators.stretching import geometric_last, stretch, stretch_lines
+from bspline_mdao.core.generators.wing import flat_section
 from bspline_mdao.errors import InputError
 from bspline_mdao.generators import (
     FarField,
@@ -16,7 +17,6 @@ from bspline_mdao.generators import (
     Spacing,
     Wing,
     flat_plate_grid,
-    flat_section,
     hh_wing_grid,
     naca_section,
     onera_d_section,

@@ -6,6 +6,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from bspline_mdao import EulerFlow, find_topology, fit_grid
+from bspline_mdao.core.generators.wing import flat_section
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow import run_flow
 from bspline_mdao.generators import (
@@ -13,7 +14,6 @@ from bspline_mdao.generators import (
     airfoil,
     airfoil_grid,
     cambered_section,
-    flat_section,
     naca_airfoil,
     naca_section,
     section_c_grid,

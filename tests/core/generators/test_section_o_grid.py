@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from bspline_mdao import find_topology
+from bspline_mdao.core.generators.wing import flat_section
 from bspline_mdao.errors import InputError
-from bspline_mdao.generators import Section, cambered_section, flat_section, naca_section, section_o_grid
+from bspline_mdao.generators import Section, cambered_section, naca_section, section_o_grid
 from bspline_mdao.grids.cells.grid_quality import GridQuality
 from bspline_mdao.grids.cells.report import report_quality
 

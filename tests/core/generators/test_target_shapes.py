@@ -9,6 +9,8 @@ from fit_cases import two_blocks
 from bspline_mdao import InputError, fit_grid
 from bspline_mdao.core.fit.surface_fit import LOGGER, fit_surface
 from bspline_mdao.core.generators.blended_wing_body import corner_widths, rounded_weights
+from bspline_mdao.core.generators.target_shapes import lay_nodes, lay_walls
+from bspline_mdao.core.generators.wing import flat_section
 from bspline_mdao.generators import (
     BlendedWingBody,
     Planform,
@@ -17,10 +19,7 @@ from bspline_mdao.generators import (
     cambered_section,
     fit_shape,
     flat_plate_grid,
-    flat_section,
     generic_blended_wing_body,
-    lay_nodes,
-    lay_walls,
     naca_section,
     nodes_on_shape,
     onera_d_section,
