@@ -404,3 +404,53 @@ class Part:
 def nothing() -> None: ...
 """
     assert sorted(unannotated(ast.parse(source))) == ["bare", "inner", "rest"]
+
+
+def internal_docstring_lines(tree: ast.AST, public: set[str], is_of_public: bool = False) -> int:
+    """Lines of docstrings of functions and classes that are neither public names nor public methods of them."""
+    n = 0
+    for node in ast.iter_child_nodes(tree):
+        is_public = is_of_public
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            is_public = node.name in public
+            if not (is_public or (is_of_public and not node.name.startswith("_"))) and ast.get_docstring(node):
+                n += node.body[0].end_lineno - node.body[0].lineno + 1
+            is_public &= isinstance(node, ast.ClassDef)
+        n += internal_docstring_lines(node, public, is_public)
+    return n
+
+
+@pytest.mark.slow
+def test_docstrings_of_internals_are_short():
+    public = {
+        name for space in ["", *SPACES] for name in importlib.import_module(f"bspline_mdao.{space}".rstrip(".")).__all__
+    }
+    assert sum(internal_docstring_lines(ast.parse(path.read_text()), public) for path in PACKAGE.rglob("*.py")) <= 9_000
+
+
+def test_lines_of_internal_docstrings_are_counted():
+    source = '''
+class Public:
+    """A class.
+
+    With more of it.
+    """
+
+    def method(self):
+        """A method."""
+
+        def inner():
+            """Two
+            lines."""
+
+    def _hidden(self):
+        """One line."""
+
+class Internal:
+    """One line."""
+
+    def method(self):
+        """One line."""
+'''
+    assert internal_docstring_lines(ast.parse(source), {"Public"}) == 5
+    assert internal_docstring_lines(ast.parse(source), set()) == 10
