@@ -101,7 +101,7 @@ FORMATS = (
 
 CURVED_FORMATS = (
     GridFormat("CGNS", "cgns_elements", "write_cgns_elements", suffixes=(".cgns",)),
-    GridFormat("Gmsh", "gmsh", "write_msh", suffixes=(".msh",)),
+    GridFormat("Gmsh", "curved_gmsh", "write_msh", suffixes=(".msh",)),
 )
 """Formats of curved elements."""
 

@@ -25,7 +25,7 @@ __all__ = ["FORMATS", "MeshFile", "check_same_format", "is_mesh", "mesh_names", 
 FORMATS = {
     ".su2": "bspline_mdao.grids.io.meshes.su2.read_su2",
     ".cgns": "bspline_mdao.grids.io.meshes.cgns.read_cgns_mesh",
-    ".msh": "bspline_mdao.grids.io.meshes.msh.read_msh",
+    ".msh": "bspline_mdao.grids.io.meshes.gmsh.read_msh",
     ".vtu": "bspline_mdao.grids.io.meshes.vtu.read_vtu",
     POLYMESH: "bspline_mdao.grids.io.meshes.polymesh.read_polymesh",
 }
