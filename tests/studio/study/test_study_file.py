@@ -216,6 +216,7 @@ def test_the_page_of_studies_has_every_key():
     tables += [kind.all_keys for kind in kinds.values()]
     missing = [key for table in tables for key in table if f"``{key}``" not in page]
     missing += [name for name in [*kinds, *keys.FLOWS] if f"``{name}``" not in page]
+    missing += [name for name, meaning in keys.QUALITIES.items() if f"``{name}``\n     - {meaning}\n" not in page]
     assert missing == []
     assert re.search(r"\.\. code-block:: toml", page)
 
