@@ -2,9 +2,9 @@
 
 The flow about the blended-wing body that a flat plate became, at Mach 0.3 and 4 degrees. The grid about a flat plate is
 fitted, its control mesh moves to the body, the grid is regenerated, and the Euler equations are solved on it: one chain
-of components. It takes a minute, with ``--quick`` some seconds, and an hour at the paper's size. The output is lift and
-drag, how the flow converged, the time of the derivatives of the lift through the whole chain, and a picture of the
-surface mesh, the pressures and the history.
+of components. It takes ten seconds, and ten minutes at the paper's size. The output is lift and drag, how the flow
+converged, the time of the derivatives of the lift through the whole chain, and a picture of the surface mesh, the
+pressures and the history.
 """
 
 from __future__ import annotations
