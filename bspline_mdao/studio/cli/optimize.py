@@ -38,6 +38,7 @@ from .earlier_run import earlier_cases, recorded_cases
 from .lasting_stdout import lasting_stdout
 from .optimum import cad_optima, optimum_of
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
+from .streams import is_quiet
 
 STOPPED = (
     "all bounds hold to a ten-thousandth, and this may be no optimum: see max_iterations and tolerance in [driver]; "
@@ -297,7 +298,7 @@ def _print_outcome(folder: RunFolder, problem: om.Problem, numbers: dict[str, An
     """Say how it ended and what was written; raise an error if it failed."""
     driver = problem.driver
     counts = f"{numbers['evaluations']} evaluations, {numbers['gradients']} gradients"
-    is_said = driver.options["disp"]  # by the driver, as a run ends
+    is_said = driver.options["disp"] and not is_quiet()  # by the driver, as a run ends
     if driver.is_interrupted:
         raise KeyboardInterrupt(f"interrupted after {counts}; {folder.path} keeps the best design so far")
     if infeasible:
@@ -313,6 +314,7 @@ def _print_outcome(folder: RunFolder, problem: om.Problem, numbers: dict[str, An
             if each["role"] == "variable"
         )
         better = better_but_infeasible(read_history(folder.path / CASES), is_baseline)
-        print_warnings([f"{numbers['status']}; {STOPPED}", *([better] if better else [])])
+        how = "" if is_said else f"{numbers['status']}; "
+        print_warnings([f"{how}{STOPPED}", *([better] if better else [])])
     print_lines([f"{numbers['status']}; {counts}"] if numbers["success"] and not is_said else [])
     print_lines([f"{folder.path}: {_listed(folder)}"])

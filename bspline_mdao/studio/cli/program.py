@@ -92,7 +92,7 @@ def _run(function: Callable) -> Callable:
     @wraps(function)
     @click.pass_context
     def run(context: click.Context, quiet: bool, verbose: bool, **options: Any) -> None:
-        with streams(context, is_quiet=quiet, has_numbers=options.get("json") == STDOUT):
+        with streams(context, quiet=quiet, has_numbers=options.get("json") == STDOUT):
             try:
                 function(**options)
             except Exception:

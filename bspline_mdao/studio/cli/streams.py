@@ -13,7 +13,7 @@ import click
 
 from ...base.numerics.progress import say_compilation
 
-__all__ = ["STDOUT", "numbers_stream", "streams"]
+__all__ = ["STDOUT", "is_quiet", "numbers_stream", "streams"]
 
 STDOUT = Path("-")
 """File name that stands for standard output."""
@@ -21,18 +21,21 @@ STDOUT = Path("-")
 _NUMBERS = f"{__name__}.numbers"
 """Key of the stream of numbers in the context of a command."""
 
+_QUIET = f"{__name__}.quiet"
+"""Key of whether a command prints only warnings and errors."""
+
 
 @contextmanager
 def streams(
     context: click.Context,  # of the command
     *,
-    is_quiet: bool,  # print only warnings and errors
+    quiet: bool,  # print only warnings and errors
     has_numbers: bool,  # standard output is reserved for numbers
 ) -> Iterator[None]:
     """Direct the output of a command to the requested streams."""
-    context.meta[_NUMBERS] = sys.stdout
+    context.meta[_NUMBERS], context.meta[_QUIET] = sys.stdout, quiet
     with ExitStack() as stack:
-        if is_quiet:
+        if quiet:
             say_compilation(None)
             stack.enter_context(redirect_stdout(stack.enter_context(open(os.devnull, "w", encoding="utf-8"))))
         elif has_numbers:
@@ -43,3 +46,9 @@ def streams(
 def numbers_stream() -> TextIO:
     """Standard output before text was redirected."""
     return click.get_current_context().meta[_NUMBERS]
+
+
+def is_quiet() -> bool:
+    """Whether the current command prints only warnings and errors."""
+    context = click.get_current_context(silent=True)
+    return context is not None and context.meta.get(_QUIET, False)

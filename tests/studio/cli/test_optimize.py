@@ -125,6 +125,15 @@ def test_a_run_that_is_stopped_says_why_it_shows_the_baseline_and_how_it_goes_on
     )
 
 
+def test_how_a_stopped_run_ended_is_said_once_on_either_stream(workplace, capsys):
+    Path("calm.toml").write_text(Path("area.toml").read_text() + "\n[driver]\noptions = { disp = false }\n")
+    for more, counts in ((["area.toml"], (1, 0)), (["area.toml", "-q"], (0, 1)), (["calm.toml"], (0, 1))):
+        assert run(["optimize", *more, "-o", "out", "--overwrite", "--max-iterations", "2"]) == 0
+        streams = capsys.readouterr()
+        assert tuple(stream.count("MAXEVAL_REACHED") for stream in streams) == counts, more
+        assert streams.err.count("this may be no optimum") == 1
+
+
 def test_an_interrupted_run_keeps_the_best_design(workplace, capsys, monkeypatch):
     def interrupted(settings, functions):
         functions.objective(functions.best.x + 0.01, np.zeros(0))
