@@ -47,15 +47,16 @@ class SummaryEntry(OneLine):
     value_names: tuple[str, ...]  # names of the values, such as ``twist[2]``
     unit: np.ndarray  # () or (n,), what the driver sees as 1
 
-    def at_bounds(self, most: int) -> list[str]:
+    def at_bounds(self, most: int | None = None) -> list[str]:
         """Remarks on values of a variable at its bounds: one a value, or two for more values than ``most``."""
         n = len(self.values)
+        is_short = most is not None and n > most
         if self.role != "variable":
-            return [""] * (2 if n > most else n)
+            return [""] * (2 if is_short else n)
         near = TOLERATED * np.fmin(self.upper - self.lower, self.unit)
         bounds = ("lower", self.lower), ("upper", self.upper)
         sides = [(side, np.abs(self.values - bound) <= near) for side, bound in bounds]
-        if n > most:
+        if is_short:
             return [f"{int(is_at.sum())} at the {side} bound" if is_at.any() else "" for side, is_at in sides]
         return [" and ".join(f"at the {side} bound" for side, is_at in sides if is_at[number]) for number in range(n)]
 
@@ -157,9 +158,9 @@ class DesignSummary(OneLine):
         """Write all values to a CSV file: role, name of the value such as ``twist[2]``, values and bounds.
 
         If errors are estimated, ``finer`` and ``remaining`` come next, see `ErrorEstimate`. If flows were solved on a
-        finer member, ``solved_finer`` comes next, or ``finer_before`` and ``finer_after`` for two designs. Last comes
+        finer member, ``solved_finer`` comes next, or ``finer_before`` and ``finer_after`` for two designs. Then comes
         ``infeasible``, or ``infeasible_before`` and ``infeasible_after`` for two designs: the amount by which a value
-        violates its bound.
+        violates its bound. Last comes ``at_bound``, the mark of variables at a bound in `table`.
 
         Parameters
         ----------
@@ -177,15 +178,16 @@ class DesignSummary(OneLine):
         beyond = [{v.name: v.excess for entry in each.entries for v in entry.violations} for each in designs]
         last = ("infeasible_before", "infeasible_after") if before else ("infeasible",)
         solved = ("solved_finer",), ("finer_before", "finer_after")
-        heads = ("role", "name", *self._heads(before, ("finer", "remaining"), *solved), *last)
+        heads = ("role", "name", *self._heads(before, ("finer", "remaining"), *solved), *last, "at_bound")
         names = [name for entry in self.entries for name in entry.value_names]
-        rows = zip(self._rows(before, None), names)
+        marks = [mark for entry in self.entries for mark in entry.at_bounds()]
+        rows = zip(self._rows(before, None), names, marks)
         with replaced_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(heads)
-            for (role, label, columns), name in rows:
+            for (role, label, columns), name, mark in rows:
                 columns += [excess.get(name, np.nan) for excess in beyond]
-                writer.writerow([role, label, *map(_exact, columns)])
+                writer.writerow([role, label, *map(_exact, columns), mark])
 
     def numbers(self) -> dict[str, dict]:
         """Values and bounds by name, as lists, for JSON.

@@ -73,6 +73,28 @@ def test_variables_at_a_bound_are_marked_and_counted_where_only_the_extremes_are
             assert [line.split("  ")[-1] for line in lines] == ["1 at the lower bound", "2 at the upper bound"]
 
 
+def test_the_file_of_a_design_marks_each_variable_at_a_bound_as_the_table_does(tmp_path):
+    for n in (5, 17):
+        values = np.random.default_rng(n).uniform(-0.3, 0.3, n)
+        values[1], values[4] = 0.5, -0.5
+        problem = om.Problem(reports=None)
+        problem.model.add_subsystem("f", om.ExecComp("f = sum(x)", x={"val": values}), promotes=["*"])
+        problem.model.add_design_var("x", lower=-0.5, upper=0.5)
+        problem.model.add_objective("f")
+        problem.setup()
+        problem.run_model()
+        summary = design_summary(problem)
+        for before in (None, summary):
+            summary.write_csv(tmp_path / "a.csv", before)
+            with open(tmp_path / "a.csv", newline="") as file:
+                marks = {row["name"]: row["at_bound"] for row in csv.DictReader(file)}
+            assert {name: mark for name, mark in marks.items() if mark} == {
+                "x[1]": "at the upper bound",
+                "x[4]": "at the lower bound",
+            }
+        assert all(f"  {mark}" in summary.table() for mark in marks.values() if mark) == (n == 5)
+
+
 def test_table_file_and_json_of_a_design_say_it_of_the_values_that_are_beyond(problem, tmp_path):
     before = design_summary(problem)
     assert before.infeasible == "infeasible: g[4] is 1.5 above -0.5"
