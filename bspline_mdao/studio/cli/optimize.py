@@ -41,10 +41,15 @@ from .output import check_outputs, print_lines, print_title, print_warnings, wri
 from .streams import is_quiet
 
 STOPPED = (
-    "all bounds hold to a ten-thousandth, and this may be no optimum: see max_iterations and tolerance in [driver]; "
-    "--restart continues from it"
+    "all bounds hold to a ten-thousandth, and this may be no optimum: see max_iterations and tolerance in [driver]"
 )
 """Remark on a feasible design at which the driver did not converge."""
+
+CONTINUES, REPEATS = (
+    "--restart continues from it",
+    "--restart begins at the baseline again and repeats this run: raise max_iterations if it is spent",
+)
+"""What a restart does after such a run, by whether a design better than the baseline was found."""
 
 OF_CLASS = re.compile(r"('[\w.]+') <class \w+>")
 """How OpenMDAO names a component: by its path and its class; studies know the path."""
@@ -315,6 +320,6 @@ def _print_outcome(folder: RunFolder, problem: om.Problem, numbers: dict[str, An
         )
         better = better_but_infeasible(read_history(folder.path / CASES), is_baseline)
         how = "" if is_said else f"{numbers['status']}; "
-        print_warnings([f"{how}{STOPPED}", *([better] if better else [])])
+        print_warnings([f"{how}{STOPPED}; {REPEATS if is_baseline else CONTINUES}", *([better] if better else [])])
     print_lines([f"{numbers['status']}; {counts}"] if numbers["success"] and not is_said else [])
     print_lines([f"{folder.path}: {_listed(folder)}"])

@@ -117,12 +117,27 @@ def test_a_run_that_is_stopped_says_why_it_shows_the_baseline_and_how_it_goes_on
     area, volume = (cases.get_case(1).get_val(name).item() for name in ("surface_area", "volume"))
     stopped, why = capsys.readouterr().err.splitlines()[-2:]
     assert "this may be no optimum: see max_iterations" in stopped
-    assert "--restart continues" in stopped
+    assert "--restart begins at the baseline again" in stopped
     assert why == (
         "warning: the baseline is the best design that satisfies all constraints; 1 of 3 evaluations have a better "
         f"surface_area, the best of them {area:.4g} in evaluation 2, which is infeasible: volume is "
         f"{volume - 1.0:.3g} above 1"
     )
+
+
+def test_a_restart_from_the_baseline_repeats_the_run_as_said_until_the_cap_is_raised(workplace, capsys):
+    Path("curved.toml").write_text(Path("area.toml").read_text().replace("lower = 1.0", "equals = 1.0"))
+    run(["optimize", "curved.toml", "-o", "out", "--max-iterations", "2"])
+    capsys.readouterr()
+    assert run(["optimize", "curved.toml", "-o", "out", "--restart", "--max-iterations", "2"]) == 0
+    assert "and repeats this run: raise max_iterations if it is spent" in capsys.readouterr().err
+    cases = om.CaseReader("out/cases.sql")
+    chords = [cases.get_case(name)["chord"] for name in cases.list_cases("driver", out_stream=None)]
+    assert np.array_equal(chords[: len(chords) // 2], chords[len(chords) // 2 :])
+    assert run(["optimize", "curved.toml", "-o", "out", "--restart", "--max-iterations", "40"]) == 0
+    assert "this may be no optimum" not in capsys.readouterr().err
+    assert run(["optimize", "area.toml", "-o", "better", "--max-iterations", "4"]) == 0
+    assert "--restart continues from it" in capsys.readouterr().err
 
 
 def test_how_a_stopped_run_ended_is_said_once_on_either_stream(workplace, capsys):
