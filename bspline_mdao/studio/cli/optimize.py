@@ -28,10 +28,10 @@ from ...grids.io.formats import POLYMESH
 from ...grids.io.run_folder import RunFolder
 from ..report.design_summary import DesignSummary
 from ..study.reader import read_study
+from ..study.run_script import run_script
 from ..study.same_problem import problem_of
 from ..study.script import SCRIPT, study_script
 from ..study.study import CAD_KINDS, CASES, Study
-from ..study.toml_lines import key_lines
 from ..study.variable_kinds import VARIABLES
 from .better_designs import better_but_infeasible
 from .earlier_run import earlier_cases, recorded_cases
@@ -192,21 +192,19 @@ def _say_of_cad(study: Study) -> None:
 def _run(run: _Run, folder: RunFolder, comm: Any, title: str) -> tuple[om.Problem, dict[str, Any]]:
     """Run a script, and move its results into place; return the problem, and all names that it defines."""
     script, failure = run.private / SCRIPT, None
-    names: dict[str, Any] = {"__name__": "__main__", "__file__": str(script)}
+    names: dict[str, Any] = {}
     try:
         print_title(title + run.words(comm))
         with warnings.catch_warnings(), _without_report_plugins():
             warnings.showwarning = lambda message, *_: print_warnings([_as_seen(str(message), run, folder)])
             # the script counts linear solves of the flow, but OpenMDAO counts variables
             warnings.filterwarnings("ignore", "Inefficient choice of derivative mode")
-            exec(compile(run.script, str(script), "exec"), names)
+            run_script(run.study, run.script, script, names)
     except BaseException as error:
         failure = error
     if comm.size == 1 and "problem" in names:
         names["problem"].cleanup()  # closes the file of cases
     kept = _kept(run, folder) if comm.rank == 0 else ""
-    if isinstance(failure, InputError) and "model" in names and "wing" not in names:
-        failure = _of_walls(run.study, failure)
     if failure is not None:
         raise _said(failure, run, folder, kept) from None
     return names["problem"], names
@@ -250,16 +248,6 @@ def _said(failure: BaseException, run: _Run, folder: RunFolder, kept: str) -> Ba
     if isinstance(failure, InputError | MovementError):
         return type(failure)(words)
     return failure
-
-
-def _of_walls(study: Study, error: InputError) -> InputError:
-    """Error about the walls, with file and line of the key that names them."""
-    lines = key_lines(study.source.read_text(encoding="utf-8"))
-    for key in ("design", "fixed", "released", "sliding"):
-        given = study.grid[key] or ()
-        if any(f"'{name}'" in str(error) for name in ([given] if isinstance(given, str) else given)):
-            return InputError(f"{study.source}: line {lines['grid', key]}: [grid] '{key}': {error}")
-    return error
 
 
 def _as_seen(words: str, run: _Run, folder: RunFolder) -> str:

@@ -12,6 +12,7 @@ from ...core.om.sampling.designs import Designs
 from ...errors import InputError
 from ...grids.io.disk import replaced_file
 from ..study.reader import read_study
+from ..study.run_script import run_script
 from ..study.sampling_script import DESIGNS, PLANS, SAMPLING_SCRIPT, Sampling, sampling_script
 from ..study.study import Study
 from .output import check_outputs, print_lines, print_table, print_title, print_warnings, written_json
@@ -51,8 +52,7 @@ def sample_study(
         part.write_text(script, encoding="utf-8")
     print_title(f"{study}: running {output / SAMPLING_SCRIPT}")
     began = working_seconds()
-    file = str((output / SAMPLING_SCRIPT).resolve())
-    exec(compile(script, file, "exec"), {"__name__": "__main__", "__file__": file})
+    run_script(found, script, (output / SAMPLING_SCRIPT).resolve(), {})
     designs, seconds = Designs(output / DESIGNS), working_seconds() - began
     with replaced_file(output / CARD) as part:
         part.write_text(_card(designs, study), encoding="utf-8")

@@ -12,6 +12,7 @@ from ...core.movement.comoving import ComovingFrame
 from ...core.om.design_surface import DesignSurface
 from ...errors import InputError
 from .layout import python_text
+from .run_script import run_script
 from .script import Part, StudyScript
 from .script_shape import shape_part
 from .study import Study
@@ -52,8 +53,8 @@ class StudiedShape(OneLine):
             _ShapeScript(shape_alone(replace(study, measures={})), study.source.parent, None, is_plane).parts()
         )
         file = study.source.resolve().parent / "shape.py"
-        made: dict[str, Any] = {"__name__": "__main__", "__file__": str(file)}
-        exec(compile(script, str(file), "exec"), made)
+        made: dict[str, Any] = {}
+        run_script(study, script, file, made)
         options = made["shape"].options
         mover = options["mover"]
         mover = ComovingFrame(mover) if options["comoving"] else mover

@@ -11,9 +11,12 @@ from riding_cases import su2_text
 from test_optimize_mesh import BOX
 
 from bspline_mdao import FittedModel, read_grid
+from bspline_mdao.errors import InputError
 from bspline_mdao.files import read_mesh
 from bspline_mdao.sampling import Designs
 from bspline_mdao.studio.cli.main import run
+from bspline_mdao.studio.study.reader import read_study
+from bspline_mdao.studio.study.shape_script import StudiedShape
 
 STUDY = """[grid]
 file = "@flat_plate:6x5x5"
@@ -127,3 +130,16 @@ def test_a_study_without_a_flow_has_none_to_solve(said):
     rest = tail.partition("[measures.surface_area]")[2].partition("[flow]")[0]
     Path("study.toml").write_text(f'{head}[measures.surface_area]{rest}[objective]\nof = "surface_area"\n')
     assert "has no [flow] to solve" in said("-n", "2", "-o", "out", "--flow", status=2)
+
+
+@pytest.mark.parametrize("key", ["design", "fixed"])
+def test_a_wall_that_is_not_there_is_named_with_file_and_line_in_every_run_of_a_study(said, capsys, key):
+    Path("study.toml").write_text(STUDY.replace("[variables.twist]", f'{key} = ["wng"]\n\n[variables.twist]', 1))
+    sampled = said("-n", "3", "-o", "out", status=2)
+    assert f"study.toml: line 4: [grid] '{key}': " in sampled
+    assert "'wng'; the patches are" in sampled
+    assert run(["optimize", "study.toml", "-o", "other"]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == sampled.splitlines()[-1]
+    with pytest.raises(InputError) as shown:
+        StudiedShape.of(read_study(Path("study.toml")))
+    assert sampled.splitlines()[-1] == f"bspline-mdao: {shown.value}"
