@@ -189,6 +189,12 @@ class MixedMesh(OneLine):
         """Number of nodes of its file."""
         return self.n_points // self.n_copies
 
+    @property
+    def width(self) -> float:
+        """Distance (m) between the planes of a two-dimensional file: volumes by it are areas; 1 in three dimensions."""
+        ends = self.points[: self.n_stored + 1 : max(self.n_stored, 1)]
+        return float(np.linalg.norm(ends[1] - ends[0])) if self.n_copies == 2 and len(ends) == 2 else 1.0
+
     def nodes_of_file(self, points: np.ndarray) -> np.ndarray:
         """Return nodes of the mesh, shape (n, 3), in the order of its file.
 

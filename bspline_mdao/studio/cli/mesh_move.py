@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from ...core.background.mesh_map import MeshState
 from ...core.background.mesh_model import MeshModel
 from ...core.background.open_mesh_file import open_mesh_file
 from ...core.cad.files import SUFFIXES
-from ...core.design.named_deformations import parse_deformation, stream_warnings
+from ...core.design.named_deformations import parse_deformation
 from ...core.movement.mover import Movement
 from ...errors import InputError, MovementError
 from ...grids.cells.overlap_change import OverlapChange
@@ -26,18 +26,12 @@ from ...grids.io.meshes.blocks import BlockMeshFile
 from .cures import Trial, try_each, verdict
 from .mesh_fit import lattice_numbers, show_lattice
 from .mesh_periodic import gap_lines, side_numbers, split_lines
-from .move import MoveOptions, still_lines, write_points
+from .move import MoveOptions, write_points
 from .moved_cells import MovedCells
 from .moved_mesh import MovedMesh
 from .movers import MoverOptions
-from .output import (
-    check_outputs,
-    measure_of_cells,
-    print_lines,
-    print_title,
-    print_warnings,
-    written_json,
-)
+from .output import check_outputs, print_lines, print_title, print_warnings, written_json
+from .remarks import Remarks, still_lines
 from .units import unit_warnings
 
 __all__ = ["move_mesh"]
@@ -58,8 +52,7 @@ class _Moved:
     seconds: float
     overlap: OverlapChange | None = None  # of a grid of blocks
     split: tuple[float, str] = (0.0, "")  # largest difference of the deformation between periodic copies, and where
-    notes: tuple[str, ...] = ()  # remarks of the deformations, and what may be wrong with them
-    warnings: tuple[str, ...] = ()
+    remarks: Remarks = field(default_factory=Remarks)  # on the deformation
     n_inverted_before: int = 0  # cells that the lattice of the model inverted, if it was refined for the move
 
     @property
@@ -142,8 +135,8 @@ def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     state = model.node_map.at(movement.points)
     seconds = working_seconds() - start
     judged = MovedMesh.of(model, movement.points, state.nodes, is_proved=not options.no_certify)
-    split, remarks = model.split_copies(deformation), (deformation.notes, stream_warnings(deformation, model))
-    return _Moved(model, surface, movement, state, judged, seconds, None, split, *remarks)
+    split, remarks = model.split_copies(deformation), Remarks.of(deformation, model)
+    return _Moved(model, surface, movement, state, judged, seconds, None, split, remarks)
 
 
 def _overlap(model: MeshModel, file: BlockMeshFile, nodes: np.ndarray) -> OverlapChange:
@@ -194,13 +187,11 @@ def _complaint(moved: _Moved, trials: Sequence[Trial]) -> str:
     new = counted(len(cells.newly_inverted), "cell")
     faces, cell_of_face = mesh.cell_faces
     place = mesh.points[mesh.stored_ids(faces[cell_of_face == worst])].mean(axis=0)
-    what, unit = measure_of_cells(mesh)
-    size = f"{what} {cells.after.volumes[worst]:.3g} {unit}"
     split = "".join(f"; {line}" for line in _split_lines(moved))
     return (
         f"the move inverts {new} of the mesh, the worst is number {worst + 1} at "
-        f"({', '.join(f'{x:.4g}' for x in place)}), of {size}; nothing was written; {verdict(trials)}, or "
-        f"--allow-invalid to see it{split}"
+        f"({', '.join(f'{x:.4g}' for x in place)}), of {cells.size_of_worst}; nothing was written; {verdict(trials)}, "
+        f"or --allow-invalid to see it{split}"
     )
 
 
@@ -229,7 +220,7 @@ def _show(output: Path, moved: _Moved) -> None:
     mesh = model.mesh
     print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}")
     largest = np.linalg.norm(moved.state.nodes - mesh.points, axis=1).max()
-    print_lines([f"nodes moved by up to {largest:.3g} {mesh.length_unit}", *moved.notes])
+    print_lines([f"nodes moved by up to {largest:.3g} {mesh.length_unit}", *moved.remarks.notes])
     show_lattice(model)
     if moved.n_inverted_before:
         inverted = counted(moved.n_inverted_before, "cell")
@@ -241,7 +232,7 @@ def _show(output: Path, moved: _Moved) -> None:
     if moved.overlap is not None:
         print_lines(moved.overlap.lines())
     print_lines([f"{output} written, {moved.seconds:.2f} s for the move"])
-    warnings = [*moved.warnings, *still_lines(largest, moved.size)]
+    warnings = [*moved.remarks.warnings, *still_lines(largest, moved.size)]
     print_warnings([*warnings, *unit_warnings(output, mesh), *moved.mesh.warnings(), *_split_lines(moved)])
 
 

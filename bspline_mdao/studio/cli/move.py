@@ -20,7 +20,7 @@ from ...core.cad.files import SUFFIXES
 from ...core.cad.opencascade import require_opencascade
 from ...core.cad.write_cad import write_cad
 from ...core.design.deformation import Deformation
-from ...core.design.named_deformations import PrescribedPoints, parse_deformation, stream_warnings
+from ...core.design.named_deformations import PrescribedPoints, parse_deformation
 from ...core.fit.surface_fit import SurfaceFollower, SurfaceMiss
 from ...core.mesh.boundary import moving_mesh
 from ...core.mesh.moving_mesh import MovingMesh
@@ -59,6 +59,7 @@ from .output import (
     show_height_ratios,
     written_json,
 )
+from .remarks import Remarks, still_lines
 from .units import unit_warnings
 
 QUALITY = {
@@ -75,9 +76,6 @@ INCREMENT_COLUMNS = ("number", "invalid", "new", "corner", "time (s)", "residual
 
 FEW_DIGITS = 8.0
 """A warning is given if fewer digits of the displacements are correct."""
-
-STILL = 1e-12
-"""Displacement, relative to the size of the grid, that counts as none: a hinge far off in another unit leaves 1e-61."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +112,7 @@ class Moved:
     slid_off: float | None  # largest distance (m) of sliding nodes from their surfaces; None if none slide
     periodic: list[dict]  # periodic sides, before and after
     split: tuple[float, str]  # largest difference of the deformation between walls on both sides of these, and where
-    notes: tuple[str, ...]  # remarks of the deformations, and what may be wrong with them
-    warnings: tuple[str, ...]
+    remarks: Remarks  # on the deformation
 
     @property
     def largest_displacement(self) -> float:
@@ -201,8 +198,8 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: 
     before, after = (each.to_vector().reshape(-1, 3) for each in (baseline, grid))
     off = SlidingNodes.of(model.topology, before, mesh.slides).off(after) if mesh.curved_slides else None
     periodic = block_numbers(model.topology, baseline, grid), split
-    compared, remarks = _compared(baseline, grid, options), (deformation.notes, stream_warnings(deformation, model))
-    return Moved(mesh, model.control_points, surface, movement, grid, miss, *compared, gaps, off, *periodic, *remarks)
+    compared, remarks = _compared(baseline, grid, options), Remarks.of(deformation, model)
+    return Moved(mesh, model.control_points, surface, movement, grid, miss, *compared, gaps, off, *periodic, remarks)
 
 
 def _grid(
@@ -317,7 +314,7 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
     solve = report.increments[-1].solve
     how = f"mover {options.mover.mover}{f', solver {solve.solver}' if solve else ''}"
     made = counted(report.n_increments, "increment")
-    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} {unit}; {how}", made, *moved.notes])
+    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} {unit}; {how}", made, *moved.remarks.notes])
     if moved.mesh.following:
         names = ", ".join(what for what, _ in moved.mesh.following)
         print_lines([f"the surface ends on curved faces, which follow it unless they are fixed (--fix): {names}"])
@@ -360,18 +357,9 @@ def _row(number: int, increment: IncrementReport) -> tuple:
     return (*row, solve.seconds, solve.residual, solve.iterations, f"{solve.digits:.0f}") if solve else row
 
 
-def still_lines(
-    largest: float,  # largest displacement of a point of the surface (m)
-    size: float,  # size of the grid (m)
-) -> list[str]:
-    """Say if a deformation moves nothing."""
-    said = "the deformation moves no point of the design surface; check its axis, place and unit"
-    return [said] if largest <= STILL * size else []
-
-
 def _warnings(moved: Moved) -> list[str]:
     """List what is wrong with a move that was made."""
-    warnings = [*moved.warnings, *still_lines(moved.largest_displacement, moved.mesh.size)]
+    warnings = [*moved.remarks.warnings, *still_lines(moved.largest_displacement, moved.mesh.size)]
     stranded = moved.mesh.stranded_blocks()
     if stranded:
         warnings.append(

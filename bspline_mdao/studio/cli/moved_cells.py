@@ -10,7 +10,7 @@ from ...base.text import counted
 from ...grids.cells.mesh_heights import height_quantiles
 from ...grids.cells.mixed_cells import CellQuality, MixedMesh
 from ...grids.cells.wall_heights import KEPT
-from .output import print_lines, print_table
+from .output import measure_of_cells, print_lines, print_table
 
 __all__ = ["MovedCells"]
 
@@ -22,6 +22,7 @@ MOST_NUMBERED = 100
 class MovedCells:
     """Cells before and after a move, and the heights at walls relative to the heights before."""
 
+    mesh: MixedMesh
     before: CellQuality
     after: CellQuality
     ratios: np.ndarray  # (m,); empty without walls
@@ -29,7 +30,7 @@ class MovedCells:
     @classmethod
     def of(cls, mesh: MixedMesh, nodes: np.ndarray, ratios: np.ndarray) -> MovedCells:
         """Measure the cells of a mesh with its nodes moved, shape (n, 3)."""
-        return cls(mesh.quality(), mesh.quality(nodes), ratios)
+        return cls(mesh, mesh.quality(), mesh.quality(nodes), ratios)
 
     @property
     def newly_inverted(self) -> np.ndarray:
@@ -42,19 +43,31 @@ class MovedCells:
         new = self.newly_inverted
         return int(new[np.argmin(self.after.volumes[new])])
 
+    @property
+    def size_of_worst(self) -> str:
+        """Volume of the worst cell in words; its area in two dimensions."""
+        what, unit = measure_of_cells(self.mesh)
+        return f"{what} {self.after.volumes[self.worst] / self.mesh.width:.3g} {unit}"
+
+    @property
+    def _least(self) -> list[float]:
+        """Smallest volume before and after; areas in two dimensions."""
+        return [float(q.volumes.min(initial=np.inf)) / self.mesh.width for q in (self.before, self.after)]
+
     def numbers(self) -> dict:
         """Collect them for JSON."""
         return {
-            "min_volume": {"before": _least(self.before), "after": _least(self.after)},
+            "min_volume": dict(zip(("before", "after"), self._least)),
             "n_inverted": {"before": int(self.before.is_inverted.sum()), "after": int(self.after.is_inverted.sum())},
             "newly_inverted": self.newly_inverted[:MOST_NUMBERED].tolist(),
             "heights": height_quantiles(self.ratios),
         }
 
-    def show(self, smallest: str) -> None:
-        """Print the cells; ``smallest`` names the smallest measure, with its unit."""
+    def show(self) -> None:
+        """Print the cells."""
+        what, unit = measure_of_cells(self.mesh)
         rows = [
-            (smallest, _least(self.before), _least(self.after)),
+            (f"smallest {what} ({unit})", *self._least),
             ("inverted cells", int(self.before.is_inverted.sum()), int(self.after.is_inverted.sum())),
         ]
         print_table(["cells of the mesh", "before", "after"], rows)
@@ -78,8 +91,3 @@ class MovedCells:
                 f"before (1 % to 99 %), and so is y+"
             )
         return found
-
-
-def _least(quality: CellQuality) -> float:
-    """Smallest volume (m^3)."""
-    return float(quality.volumes.min(initial=np.inf))

@@ -12,7 +12,7 @@ from ...grids.cells.certificate import BlockCertificate, Certificate
 from ...grids.cells.mixed_bounds import certify_mixed
 from ...grids.cells.mixed_cells import MixedMesh
 from .moved_cells import MovedCells
-from .output import certificate_numbers, measure_of_cells, print_lines, show_certificate, unproved_lines
+from .output import certificate_numbers, print_lines, show_certificate, unproved_lines
 
 __all__ = ["MovedMesh"]
 
@@ -52,8 +52,7 @@ class MovedMesh:
 
     def show(self) -> None:
         """Print them."""
-        what, unit = measure_of_cells(self.mesh)
-        self.cells.show(f"smallest {what} ({unit})")
+        self.cells.show()
         if self.certificate is not None:
             show_certificate(self.certificate)
             print_lines(unproved_lines(self.mesh))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +32,7 @@ from .move import MoveOptions, gap_numbers, moved_control_mesh
 from .moved_cells import MovedCells
 from .movers import MoverOptions
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
+from .remarks import Remarks
 
 CASES = ".sql"
 """Suffix of case files of OpenMDAO."""
@@ -62,6 +63,7 @@ class _MovedMesh:
     mesh: EmbeddedMeshState
     cells: MovedCells
     gaps: tuple[PeriodicGap, ...]
+    remarks: Remarks  # on the deformation
     seconds: float
 
 
@@ -83,7 +85,8 @@ def ride_along(
         file = read_mesh(mesh_file, section_span(model))
         start = working_seconds()
         progress(0.1, "looking for the nodes in the volumes")
-        riding = EmbeddedMesh.of(model, file.mesh, options.wall, options.tolerance, options.hold_outside)
+        mesh = replace(file.mesh, unit=model.header.length_unit)
+        riding = EmbeddedMesh.of(model, mesh, options.wall, options.tolerance, options.hold_outside)
         progress(0.6, "moving")
         found = _measured(model, *_state(model, model_file, riding, options), start)
         if len(found.cells.newly_inverted) and not options.allow_invalid:
@@ -98,22 +101,22 @@ def ride_along(
 
 def _state(
     model: FittedModel, model_file: Path, riding: EmbeddedMesh, options: RideOptions
-) -> tuple[EmbeddedMeshState, np.ndarray]:
-    """Move the mesh; return the control points as well."""
+) -> tuple[EmbeddedMeshState, np.ndarray, Deformation | None]:
+    """Move the mesh; return the control points and the deformation, if there is one, as well."""
     if options.to is not None:
         points = _known_points(options.to, model)
         if options.slide:
             mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)
             riding = riding.with_slides(model, mesh.slides)
-        return riding.at(points), points
+        return riding.at(points), points, None
     chosen = {name: getattr(options, name) for name in ("deform", "design", "slide", "fix", "release", "mover")}
     control_mesh, deformation, _, movement = moved_control_mesh(model, model_file, MoveOptions(**chosen))
     riding = riding.with_slides(model, control_mesh.slides)
     state = riding.at(movement.points)
     if not riding.n_asked or any(isinstance(part, PrescribedPoints) for part in deformation.maps):
-        return state, movement.points
+        return state, movement.points, deformation
     asked = _asked(model, riding, state.nodes, deformation, options.design)
-    return riding.at(movement.points, asked), movement.points
+    return riding.at(movement.points, asked), movement.points, deformation
 
 
 def _known_points(path: Path, model: FittedModel) -> np.ndarray:
@@ -160,13 +163,16 @@ def _asked(
     return wall
 
 
-def _measured(model: FittedModel, state: EmbeddedMeshState, points: np.ndarray, start: float) -> _MovedMesh:
+def _measured(
+    model: FittedModel, state: EmbeddedMeshState, points: np.ndarray, deformation: Deformation | None, start: float
+) -> _MovedMesh:
     """Measure the cells, the heights at walls, and gaps between periodic faces of the grid."""
     mesh, walls = state.of.mesh, state.of.walls
     ratios = np.zeros(0) if walls is None else walls.heights(state.nodes) / walls.heights(mesh.points)
     seconds = working_seconds() - start
     gaps = periodic_gaps(model.topology, model.regenerate(), model.regenerate(points))
-    return _MovedMesh(state, MovedCells.of(mesh, state.nodes, ratios), gaps, seconds)
+    remarks = Remarks() if deformation is None else Remarks.of(deformation, model)
+    return _MovedMesh(state, MovedCells.of(mesh, state.nodes, ratios), gaps, remarks, seconds)
 
 
 def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _MovedMesh, options: RideOptions) -> dict:
@@ -222,7 +228,7 @@ def show_ride(output: Path, found: _MovedMesh, unit: str) -> None:
     in_plane = " in two dimensions" if of.mesh.n_copies > 1 else ""
     print_title(f"{of.mesh.source}: {counted(of.mesh.n_stored, 'node')}, {counted(of.mesh.n_cells, 'cell')}{in_plane}")
     moved = np.linalg.norm(found.mesh.nodes - of.mesh.points, axis=1).max(initial=0.0)
-    lines = [f"nodes moved by up to {moved:.3g} {unit}"]
+    lines = [f"nodes moved by up to {moved:.3g} {unit}", *found.remarks.notes]
     if of.walls is not None:
         names = ", ".join(of.wall_names) or "none"
         lines.append(f"walls: {names}, {counted(n_nodes.walls, 'node')}, {n_nodes.followers:,} follow them")
@@ -234,7 +240,7 @@ def show_ride(output: Path, found: _MovedMesh, unit: str) -> None:
     left = f"; {counted(n_nodes.left, 'node')} held" if n_nodes.left else ""
     lines.append(f"farthest outside the fitted grid: {farthest:.2g} {unit}{left}")
     print_lines(lines)
-    found.cells.show(f"smallest volume ({unit}^3)")
+    found.cells.show()
     found.cells.show_heights()
     print_lines([f"{output} written, {found.seconds:.2f} s"])
 
@@ -243,7 +249,7 @@ def _trials(model: FittedModel, model_file: Path, riding: EmbeddedMesh, options:
     """Try what may cure a move, releasing first the patches on which the design surface ends."""
 
     def n_inverted(other: RideOptions) -> int:
-        state, _ = _state(model, model_file, riding, other)
+        state = _state(model, model_file, riding, other)[0]
         return int((riding.mesh.quality(state.nodes).is_inverted & ~before).sum())
 
     before = riding.mesh.quality().is_inverted
@@ -255,17 +261,17 @@ def _trials(model: FittedModel, model_file: Path, riding: EmbeddedMesh, options:
 
 def _complaint(found: _MovedMesh, trials: Sequence[Trial]) -> str:
     """Say which cells are inverted, and what cures it."""
-    cells, worst = found.cells, found.cells.worst
+    cells = found.cells
     new = counted(len(cells.newly_inverted), "cell")
     return (
-        f"the move inverts {new} of the mesh, the worst is number {worst + 1}, of volume "
-        f"{cells.after.volumes[worst]:.3g} m^3; nothing was written; {verdict(trials)}, or --allow-invalid to see it"
+        f"the move inverts {new} of the mesh, the worst is number {cells.worst + 1}, of {cells.size_of_worst}; nothing "
+        f"was written; {verdict(trials)}, or --allow-invalid to see it"
     )
 
 
 def _warnings(found: _MovedMesh) -> list[str]:
     """List problems of a mesh that was written."""
-    of, warnings = found.mesh.of, []
+    of, warnings = found.mesh.of, list(found.remarks.warnings)
     if of.walls is None:
         warnings.append(
             "no boundary of the mesh lies on a wall of the fitted grid, so no node follows a wall; name its walls "

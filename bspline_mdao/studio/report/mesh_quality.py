@@ -78,12 +78,11 @@ def _quality_table(
     model: MeshModel, shapes: Sequence[Shape], found: Sequence[MeshQuality], ratios: np.ndarray | None
 ) -> Table:
     """Extremes of faces and cells."""
-    width = _width(model)
     unit = model.mesh.length_unit
-    what = f"smallest volume ({unit}³)" if width is None else f"smallest area ({unit}²)"
+    what = f"smallest volume ({unit}³)" if model.mesh.n_copies == 1 else f"smallest area ({unit}²)"
     n_cells = model.mesh.n_cells
     rows = [
-        (what, [number(float(q.volumes.min(initial=np.inf)) / (width or 1.0)) for q in found]),
+        (what, [number(float(q.volumes.min(initial=np.inf)) / model.mesh.width) for q in found]),
         ("inverted cells", [f"{int(q.is_inverted.sum()):,} of {n_cells:,}" for q in found]),
         ("largest non-orthogonality (°)", [number(q.angles.max(initial=0.0)) for q in found]),
         ("average non-orthogonality (°)", [number(q.mean_angle) for q in found]),
@@ -100,12 +99,6 @@ def _quality_table(
         "are valid where its map is proved to have a positive Jacobian everywhere; around an axis it is no such map."
     )
     return Table("Quality of the cells", ("measure", *(s.label for s in shapes)), [(n, *v) for n, v in rows], note)
-
-
-def _width(model: MeshModel) -> float | None:
-    """Width of a two-dimensional file (m); None in three dimensions."""
-    mesh = model.mesh
-    return float(np.linalg.norm(mesh.points[mesh.n_stored] - mesh.points[0])) if mesh.n_copies > 1 else None
 
 
 def _certificate(model: MeshModel, shape: Shape) -> str:
@@ -127,7 +120,7 @@ def _worst_table(
     ratios: np.ndarray | None,
 ) -> Table:
     """The worst cells and their places."""
-    rows, width = [], _width(model) or 1.0
+    rows, width = [], model.mesh.width
     for cell in order.tolist():
         place = found.middles[cell]
         ratio = [] if ratios is None else [number(ratios[cell], 3)]

@@ -1,5 +1,7 @@
 """The command ``ride``: what it writes, tells and refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import openmdao.api as om
 import pytest
@@ -9,6 +11,7 @@ from sliding_cases import surface_of
 from test_cli import fails_as_expected, numbers
 
 from bspline_mdao import GridEvaluate, fit_grid
+from bspline_mdao.core.design.deformation import SCALED_AFTER_TURN
 from bspline_mdao.files import read_mesh
 from bspline_mdao.movers import moving_mesh
 from bspline_mdao.studio.cli.main import run
@@ -72,6 +75,30 @@ def test_a_mesh_of_two_dimensions_is_counted_as_its_file_is(workplace, capsys, s
     assert f"walls: airfoil, {len(lines)} nodes, " in text
 
 
+def turned(grid, by):
+    """A grid with its coordinates times three factors."""
+    return replace(grid, blocks=tuple(replace(block, nodes=block.nodes * by) for block in grid.blocks))
+
+
+def area(corners):
+    """Areas of polygons, shape (n, n_corners, 2)."""
+    x, y = np.moveaxis(corners, -1, 0)
+    return 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
+
+
+def test_a_mesh_of_two_dimensions_has_areas_whatever_the_span_of_its_section(workplace, capsys):
+    points, triangles, quads, _ = plane_mesh()
+    fit_grid(turned(section().regenerate(), [1.0, 1.0, 0.3])).save("section.h5")
+    (workplace / "plane.su2").write_text(plane_su2_text())
+    asked = ["--deform", "pitch=1deg", "--mover", "elasticity", "--increments", "1", "--allow-invalid"]
+    assert run(["ride", "section.h5", "plane.su2", "-o", "m.su2", "--json", "r.json", *asked]) == 0
+    least = min(area(points[triangles]).min(), area(points[quads]).min())
+    assert numbers("r.json")["min_volume"]["before"] == pytest.approx(least, rel=1e-6)
+    text = capsys.readouterr().out
+    assert "smallest area (m^2)" in text
+    assert "volume" not in text
+
+
 def test_a_node_of_two_dimensions_outside_the_grid_is_counted_and_numbered_as_in_its_file(workplace, capsys):
     section().save("section.h5")
     lines, n = plane_su2_text().split("\n"), len(plane_mesh()[0])
@@ -82,6 +109,24 @@ def test_a_node_of_two_dimensions_outside_the_grid_is_counted_and_numbered_as_in
     assert run([*start, "--hold-outside", "--allow-invalid", "--json", "r.json"]) == 0
     assert numbers("r.json")["n_held"] == 1
     assert "; 1 node held" in capsys.readouterr().out
+
+
+def test_ride_says_of_a_deformation_what_move_says(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    fit_grid(turned(section().regenerate(), [-1.0, -1.0, 1.0])).save("section.h5")
+    text = plane_su2_text()
+    nodes = "".join(f"{-x:.16e}  {-y:.16e} {n}\n" for n, (x, y) in enumerate(plane_mesh()[0].tolist()))
+    head, tail = text.partition("NPOIN")[0], text[text.index("NMARK") :]
+    (tmp_path / "plane.su2").write_text(f"{head}NPOIN= {len(plane_mesh()[0])}\n{nodes}{tail}")
+    asked = ["--deform", "pitch=1deg+thickness=1.05", "--mover", "elasticity", "--increments", "1", "--allow-invalid"]
+    assert run(["move", "section.h5", "-o", "moved.xyz", *asked]) == 0
+    moved = capsys.readouterr()
+    assert run(["ride", "section.h5", "plane.su2", "-o", "m.su2", *asked]) == 0
+    ridden = capsys.readouterr()
+    (blunt,) = [line for line in moved.err.splitlines() if "the blunt one" in line]
+    (late,) = [line for line in moved.out.splitlines() if line == SCALED_AFTER_TURN]
+    assert blunt in ridden.err.splitlines()
+    assert late in ridden.out.splitlines()
 
 
 @pytest.mark.slow

@@ -1,0 +1,36 @@
+"""What commands say of a deformation: what its order means, and what may be wrong with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ...core.design.deformation import Deformation
+from ...core.design.named_deformations import stream_warnings
+
+__all__ = ["Remarks", "still_lines"]
+
+STILL = 1e-12
+"""Displacement, relative to the size of the grid, that counts as none: a hinge far off in another unit leaves 1e-61."""
+
+
+@dataclass(frozen=True)
+class Remarks:
+    """Remarks on a deformation; none on given points."""
+
+    notes: tuple[str, ...] = ()  # for the report
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, deformation: Deformation, model: Any) -> Remarks:
+        """Remarks on a deformation of a fitted grid or mesh."""
+        return cls(deformation.notes, stream_warnings(deformation, model))
+
+
+def still_lines(
+    largest: float,  # largest displacement of a point of the surface (m)
+    size: float,  # size of the grid (m)
+) -> list[str]:
+    """Say if a deformation moves nothing."""
+    said = "the deformation moves no point of the design surface; check its axis, place and unit"
+    return [said] if largest <= STILL * size else []
