@@ -14,6 +14,7 @@ from ...core.generators.airfoil_grid import airfoil_grid, unit_of
 from ...core.model.fitted_model import FittedModel
 from ...errors import InputError
 from ...grids.topology.grid import Grid
+from ...grids.topology.length_unit import in_unit
 from .made_grid import MadeGrid, write_made_grid
 from .output import check_outputs, counts_text
 
@@ -40,6 +41,7 @@ class AirfoilOptions:
     wake: int | None
     base: str | None
     symmetric: bool  # the file has one side of a symmetric section
+    units: str | None = None  # unit of the grid, of the chord and of the first cells; metres by default
 
 
 def make_airfoil(
@@ -77,7 +79,8 @@ def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) ->
         f"one curve through {counted(len(section.points), 'point')}"
     ]
     if unit != 1.0 or origin.any():
-        lines.append(f"the chord is {unit:.6g} long there: scaled to {options.chord:g} m, with the nose at the origin")
+        chord = f"{options.chord:g} {grid.length_unit}"
+        lines.append(f"the chord is {unit:.6g} long there: scaled to {chord}, with the nose at the origin")
     is_warned, said = _of_base(base, options)
     lines += [] if is_warned else said
     return MadeGrid(
@@ -105,7 +108,7 @@ def _of_base(base: float, options: AirfoilOptions) -> tuple[bool, list[str]]:
 
 def _grid(section: Airfoil, options: AirfoilOptions) -> Grid:
     """The grid."""
-    return airfoil_grid(
+    grid = airfoil_grid(
         section,
         options.around,
         options.away,
@@ -118,6 +121,7 @@ def _grid(section: Airfoil, options: AirfoilOptions) -> Grid:
         n_wake=options.wake,
         base=options.base,
     )
+    return in_unit(grid, options.units)
 
 
 def _nodes_text(grid: Grid) -> str:

@@ -25,6 +25,7 @@ from ...grids.topology.detection import find_topology
 from ...grids.topology.grid import Grid
 from .fit import fit_numbers, show_fit, splines_certificate
 from .output import print_lines, print_title, print_warnings, show_spacings, spacing_numbers, written_json
+from .units import unit_warnings
 
 __all__ = ["MadeGrid", "write_made_grid"]
 
@@ -83,7 +84,7 @@ def write_made_grid(
     )
     show_spacings(spacings, made.reynolds, grid.length_unit)
     inverted = [f"{counted(cells.n_inverted, 'inverted cell')}; {made.cure}"] if cells.n_inverted else []
-    print_warnings([*made.warnings, *inverted])
+    print_warnings([*made.warnings, *inverted, *unit_warnings(output, grid)])
     if model:
         show_fit(model, output, certificate)
     else:

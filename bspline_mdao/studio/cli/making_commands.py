@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from ...grids.topology.length_unit import LENGTH_UNITS
 from .imports import without_collector
 from .program import POSITIVE, command, json_option, output_option
 from .units import units_option
@@ -58,13 +59,13 @@ y_plus_option = click.option(
     default=1.0,
     show_default=True,
     metavar="C",
-    help="Length of the chord (m), whatever the unit of the file.",
+    help="Length of the chord in --units, whatever the unit of the file.",
 )
 @click.option(
     "--first-cell",
     type=POSITIVE,
     metavar="H",
-    help="Height of the first cells (m), for boundary layers.",
+    help="Height of the first cells in --units, for boundary layers.",
 )
 @y_plus_option
 @click.option("--reynolds", type=POSITIVE, metavar="RE", help="Reynolds number of the chord.")
@@ -88,6 +89,7 @@ y_plus_option = click.option(
     "'wall' also gives NACA sections the blunt edge of their definition.",
 )
 @click.option("--symmetric", is_flag=True, help="The file has one side of a symmetric section.")
+@click.option("--units", type=click.Choice(LENGTH_UNITS), help="Unit of length of the grid; metres by default.")
 @json_option
 def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
     """Make an O- or C-grid around an airfoil, and fit it if the output is a model.

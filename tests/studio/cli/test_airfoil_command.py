@@ -74,6 +74,20 @@ def test_the_y_plus_that_is_shown_is_the_one_that_was_asked_for_at_any_chord(sai
     assert wall["y_plus"] == pytest.approx(2.0, rel=1e-6)
 
 
+def test_a_grid_has_the_unit_that_was_asked_for_and_chord_and_first_cell_are_in_it(said):
+    asked = ("naca0012", "--around", "48", "--chord", "300", "--first-cell", "0.2")
+    words = said(*asked, "--units", "mm", "-o", "foil.cgns")
+    assert "min (mm)" in words
+    grid = read_grid("foil.cgns")
+    assert grid.unit == "mm"
+    assert np.ptp(grid.blocks[0].nodes[:, 0, :, 0]) == pytest.approx(300.0, rel=1e-6)
+    said(*asked, "--units", "in", "-o", "foil.h5")
+    assert FittedModel.load("foil.h5").header.length_unit == "in"
+    assert "lengths for metres, and these are in mm" in said(*asked, "--units", "mm", "-o", "case/constant/polyMesh")
+    said(*asked, "-o", "plain.cgns")
+    assert read_grid("plain.cgns").length_unit == "m"
+
+
 def test_what_is_done_to_a_blunt_file_in_percent_is_said(said):
     Path("foil.dat").write_text("2412\n" + lines(100.0 * naca_airfoil("2412", blunt=True).points[::4]))
     words = said("foil.dat", "-o", "foil.xyz", "--around", "32", "--away", "8")
