@@ -16,13 +16,13 @@ from .units import units_option
 __all__ = ["cad", "live", "quality", "report", "seams"]
 
 
-@command("quality wing_moved.xyz --baseline wing.h5")
+@command("quality wing_moved.xyz --baseline wing.h5", "quality moved.su2 --baseline mesh.h5")
 @grid_argument
 @click.option(
     "--baseline",
-    metavar="GRID",
-    help="Grid or model before the move: compare the heights of first cells at walls, and list cells that have become "
-    "inverted.",
+    metavar="GRID|MODEL.h5",
+    help="Grid or unstructured mesh before the move, or its model, which 'fit' wrote: compare the heights of first cells "
+    "at walls, and list cells that have become inverted.",
 )
 @patches_option
 @click.option(

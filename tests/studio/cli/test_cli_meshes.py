@@ -144,3 +144,10 @@ def test_cgns_is_a_mesh_or_a_grid_by_what_is_in_it(workplace, capsys):
     assert numbers("i.json")["dimensions"] == 2
     assert run(["inspect", "grid.cgns", "--json", "i.json"]) == 0
     assert "blocks" in numbers("i.json")
+
+
+def test_help_says_that_the_baseline_may_be_the_model_of_a_grid_or_of_a_mesh(capsys):
+    assert run(["quality", "--help"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "--baseline GRID|MODEL.h5 Grid or unstructured mesh before the move, or its model" in said
+    assert "quality moved.su2 --baseline mesh.h5" in said
