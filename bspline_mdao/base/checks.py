@@ -24,6 +24,12 @@ __all__ = [
     "require_list",
 ]
 
+ORDER_OF_AXES = "x, y and z in the order downstream, along the span, up"
+"""How the axes of a flow are named."""
+
+WITHOUT_SIGNS = "without signs: turn a grid whose axes run the other way"
+"""What to do where one of them is a negative axis."""
+
 
 def as_array(values: Any, what: str) -> np.ndarray:
     """Convert numbers to an array of 8-byte reals in C order; complex numbers, from complex steps, stay complex."""
@@ -73,7 +79,7 @@ def as_direction(values: Any, what: str) -> np.ndarray:
 def as_axes(axes: str, what: str) -> np.ndarray:
     """Return unit vectors downstream, along the span, and up, shape (3, 3), from axis names such as "xzy"."""
     if sorted(axes) != ["x", "y", "z"]:
-        raise InputError(f"{what}: axes '{axes}'; name x, y and z in the order downstream, along the span, up")
+        raise InputError(f"{what}: axes '{axes}'; name {ORDER_OF_AXES}, {WITHOUT_SIGNS}")
     return np.eye(3)[["xyz".index(axis) for axis in axes]]
 
 

@@ -21,8 +21,8 @@ __all__ = ["cad", "live", "quality", "report", "seams"]
 @click.option(
     "--baseline",
     metavar="GRID|MODEL.h5",
-    help="Grid or unstructured mesh before the move, or its model, which 'fit' wrote: compare the heights of first cells "
-    "at walls, and list cells that have become inverted.",
+    help="Grid or unstructured mesh before the move, or its model, which 'fit' wrote: compare the heights of first "
+    "cells at walls, and list cells that have become inverted.",
 )
 @patches_option
 @click.option(

@@ -10,6 +10,8 @@ from itertools import pairwise
 from math import prod
 from typing import Any
 
+from ...base.checks import ORDER_OF_AXES, WITHOUT_SIGNS
+
 __all__ = ["Key", "Kind", "list_of", "number", "one_of", "slices_of", "whole"]
 
 LARGEST = 1e20
@@ -140,13 +142,12 @@ STATIONS = Kind(
 SLICES = Kind("three slices such as ':, :, 1:'", lambda value: _is_text(value) and slices_of(value) is not None)
 OPTIONS = Kind("a table of options", lambda value: isinstance(value, dict))
 AXES = Kind(
-    "x, y and z in the order downstream, along the span, up, such as 'xzy'",
+    f"{ORDER_OF_AXES}, such as 'xzy', {WITHOUT_SIGNS}",
     lambda value: _are_axes(value) and len(value) == 3,
 )
-COORDINATES = Kind("one or more of x, y and z such as 'y' or 'xy'", _are_axes)
-DIRECTION = Kind(
-    "'normal', or one or more of x, y and z such as 'y' or 'xy'", lambda value: value == "normal" or _are_axes(value)
-)
+_COORDINATES = "one or more of x, y and z such as 'y' or 'xy', without signs: values and bounds have them"
+COORDINATES = Kind(_COORDINATES, _are_axes)
+DIRECTION = Kind(f"'normal', or {_COORDINATES}", lambda value: value == "normal" or _are_axes(value))
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import pytest
 from study_cases import STUDY, study_of
 
 from bspline_mdao import NLoptDriver
+from bspline_mdao.base.checks import as_axes
 from bspline_mdao.core.design.reference_axis import StationSpline
 from bspline_mdao.errors import InputError
 from bspline_mdao.generators import onera_m6_grid
@@ -201,6 +202,16 @@ def test_the_grid_that_is_written_keeps_patches_that_slide_on_their_surfaces(tmp
 def test_settings_of_elasticity_want_elasticity(tmp_path, setting):
     with pytest.raises(InputError, match=r"\[movement\] '.*' is for elasticity; add mover = \"elasticity\", or leave"):
         study_of(tmp_path, f"{STUDY}\n[movement]\n{setting}\n")
+
+
+def test_an_axis_with_a_sign_is_refused_with_what_to_do(tmp_path):
+    with pytest.raises(InputError, match=r"\[flow\] 'axes' is '-xzy'.* without signs: turn a grid whose axes"):
+        study_of(tmp_path, STUDY.replace("[flow]\n", '[flow]\naxes = "-xzy"\n', 1))
+    with pytest.raises(InputError, match=r"'-xzy'; name x, y and z .* without signs: turn a grid"):
+        as_axes("-xzy", "flow")
+    bumps = '[variables.bumps]\nkind = "control_points"\ndirection = "-y"\nlower = -0.1\nupper = 0.1\n'
+    with pytest.raises(InputError, match=r"'direction' is '-y'.* without signs: values and bounds have them"):
+        study_of(tmp_path, f"{STUDY}\n{bumps}")
 
 
 def test_options_of_drivers_that_keys_set_are_theirs():
