@@ -27,6 +27,7 @@ def certify_splines(
     names: Sequence[str],  # names of the volumes
     # control points that determine handedness; the same by default
     baseline: np.ndarray | None = None,  # (n_control_points, 3)
+    what: str = "spline element",  # what an element is called
 ) -> tuple[BlockCertificate, ...]:  # one for each volume with control points in two directions
     """Prove which elements of the volumes of a mesh are valid."""
     places = [n for n, volume in enumerate(mesh.volumes) if sum(count > 1 for count in volume.n_control) > 1]
@@ -37,7 +38,7 @@ def certify_splines(
         return spline_statuses(volume, control_points[ids], cell_quality(before[ids]).handedness)
 
     found = run_tasks(statuses, places, thread_count(None))
-    return tuple(of_statuses(names[place], "spline element", status) for place, status in zip(places, found))
+    return tuple(of_statuses(names[place], what, status) for place, status in zip(places, found))
 
 
 def spline_statuses(

@@ -28,6 +28,9 @@ STATUSES = {VALID: "valid", UNDECIDED: "undecided", INVALID: "invalid"}
 MOST_NAMED = 5
 """Largest number of places to name per block."""
 
+IN_CELLS, IN_SPLINES = "everywhere in them, not only at corners", "everywhere between neighbouring knots"
+"""Where the Jacobians of valid cells, and of valid elements of splines, are positive."""
+
 
 @dataclass(frozen=True)
 class BlockCertificate(OneLine):
@@ -41,7 +44,6 @@ class BlockCertificate(OneLine):
     n_undecided: int
     # some of these, i, j, k or one number, from 1, and what is known; the invalid ones first
     places: tuple[tuple[int | str, ...], ...]
-    part: str = "block"  # what a block is called, if it is not a block: a kind of cells
 
     @property
     def status(self) -> str:
@@ -83,21 +85,21 @@ class Certificate(OneLine):
     def lines(self) -> list[str]:
         """Summarise, and name what is not valid, block by block."""
         lines = []
-        for parts in (self.cells, self.splines):
+        for parts, where in ((self.cells, IN_CELLS), (self.splines, IN_SPLINES)):
             if parts:
-                lines.append(_summary(parts))
+                lines.append(_summary(parts, f": their Jacobian is proved positive {where}"))
                 lines += [f"  {part}" for part in parts if part.status != "valid"]
         return lines
 
 
-def _summary(parts: tuple[BlockCertificate, ...]) -> str:
-    """Count what is valid, invalid and undecided in several blocks."""
+def _summary(parts: tuple[BlockCertificate, ...], meaning: str = "") -> str:
+    """Count what is valid, and say what that means; count what is invalid and undecided."""
     n, n_invalid, n_undecided = (sum(getattr(p, name) for p in parts) for name in ("n", "n_invalid", "n_undecided"))
-    what, in_blocks = parts[0].what, f"of {counted(len(parts), parts[0].part)}"
     if n_invalid + n_undecided == 0:
-        return f"all {n:,} {what}s {in_blocks} valid"
+        return f"all {counted(n, parts[0].what)} valid{meaning}"
     n_valid = n - n_invalid - n_undecided
-    return f"{n_valid:,} of {n:,} {what}s {in_blocks} valid, {n_invalid:,} invalid, {n_undecided:,} undecided"
+    found = f"{n_valid:,} of {counted(n, parts[0].what)} valid{meaning}"
+    return f"{found}; {n_invalid:,} invalid, {n_undecided:,} undecided"
 
 
 def of_statuses(
@@ -106,7 +108,6 @@ def of_statuses(
     what: str,
     status: np.ndarray,  # uint8 (n_i, n_j, n_k), status of each; or (n,)
     offset: tuple[int, ...] = (0, 0, 0),  # number, from 0, of the first
-    part: str = "block",
 ) -> BlockCertificate:
     """Summarise the statuses of a block."""
     n_invalid, n_undecided = (int(np.count_nonzero(status == value)) for value in (INVALID, UNDECIDED))
@@ -115,7 +116,7 @@ def of_statuses(
         ids = np.flatnonzero(status == value)[: MOST_NAMED - len(places)]
         for index in zip(*np.unravel_index(ids, status.shape)):
             places.append((*(int(at) + first + 1 for at, first in zip(index, offset)), STATUSES[value]))
-    return BlockCertificate(block, what, status.size, n_invalid, n_undecided, tuple(places), part)
+    return BlockCertificate(block, what, status.size, n_invalid, n_undecided, tuple(places))
 
 
 def joined(parts: Iterable[BlockCertificate]) -> BlockCertificate:
@@ -124,7 +125,7 @@ def joined(parts: Iterable[BlockCertificate]) -> BlockCertificate:
     places = sorted((place for part in parts for place in part.places), key=lambda p: (p[-1] != "invalid", p[:-1]))
     n, n_invalid, n_undecided = (sum(getattr(p, name) for p in parts) for name in ("n", "n_invalid", "n_undecided"))
     first = parts[0]
-    return BlockCertificate(first.block, first.what, n, n_invalid, n_undecided, tuple(places[:MOST_NAMED]), first.part)
+    return BlockCertificate(first.block, first.what, n, n_invalid, n_undecided, tuple(places[:MOST_NAMED]))
 
 
 def certify_cells(

@@ -76,7 +76,7 @@ def certify_mixed(
 ) -> tuple[BlockCertificate, ...]:  # one for each kind of cells that have a map; none for polyhedra
     """Prove which cells are valid: cells whose maps have a positive Jacobian everywhere inside."""
     return tuple(
-        of_statuses(mesh.kind_in_file(kind), "cell", status, part="kind")
+        of_statuses(mesh.kind_in_file(kind), "cell", status)
         for kind, (status, _) in jacobian_bounds(mesh, points).items()
     )
 

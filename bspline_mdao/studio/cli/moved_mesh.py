@@ -43,7 +43,7 @@ class MovedMesh:
             return cls(model.mesh, cells, None)
         splines: tuple[BlockCertificate, ...] = ()
         if model.lattice.frame.is_cartesian:  # in other frames the map is not one volume
-            splines = certify_splines(*model.splines_at(control_points), model.spline_names)
+            splines = certify_splines(*model.splines_at(control_points), model.spline_names, what="lattice element")
         return cls(model.mesh, cells, Certificate(certify_mixed(model.mesh, nodes), splines))
 
     def numbers(self) -> dict:

@@ -212,8 +212,7 @@ def certificate_numbers(certificate: Certificate) -> dict:
 
 def show_certificate(certificate: Certificate) -> None:
     """Print what is proved about the validity of a grid, and which blocks are not valid."""
-    first, *rest = certificate.lines() or ["nothing, there are no cells"]
-    print_lines([f"proved everywhere, not only at corners: {first}", *rest])
+    print_lines(certificate.lines() or ["nothing is proved: there are no cells"])
     if any(part.n_undecided for part in certificate.splines):
         print_lines([MEANING_OF_UNDECIDED])
 

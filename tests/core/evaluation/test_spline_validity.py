@@ -136,6 +136,14 @@ def test_what_undecided_elements_mean_is_said_where_there_are_any(capsys):
         assert ("an element is undecided where" in " ".join(capsys.readouterr().out.split())) == is_said
 
 
+def test_lines_of_a_certificate_say_what_is_proved_and_count_no_blocks():
+    model = fit_grid(brick_grid((5, 5, 5, 5)))
+    assert certify(model).lines() == [
+        "all 384 cells valid: their Jacobian is proved positive everywhere in them, not only at corners",
+        "all 6 spline elements valid: their Jacobian is proved positive everywhere between neighbouring knots",
+    ]
+
+
 def test_nothing_is_proved_of_knots_that_are_functions():
     def value(s, t):
         return np.full((s.size, 1), 0.5)

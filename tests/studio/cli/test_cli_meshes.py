@@ -36,7 +36,7 @@ def test_inspect_tells_cells_markers_box_and_heights_of_a_plane_mesh(workplace, 
     assert wall["y_plus"] > 0.0
     assert found["n_unmarked_faces"] == 70  # of the outer rim
     assert found["to_declare"] is None
-    proved = f"proved everywhere, not only at corners: all {len(triangles) + len(quads):,} cells of 2 kinds valid"
+    proved = f"all {len(triangles) + len(quads):,} cells valid: their Jacobian is proved positive everywhere in them"
     for words in (
         "2 dimensions, unit of length: mm",
         "airfoil",
@@ -132,7 +132,7 @@ def test_a_polymesh_has_polyhedra_and_kinds_of_its_types(workplace, capsys):
     assert (numbers("q.json")["n_inverted"], numbers("q.json")["certificate"]) == (0, None)
     text = capsys.readouterr().out
     assert f"{found['n_cells']:,} polyhedra, which have no map: nothing is proved of them" in text
-    assert "proved everywhere" not in text
+    assert "is proved positive" not in text
 
 
 def test_cgns_is_a_mesh_or_a_grid_by_what_is_in_it(workplace, capsys):

@@ -59,11 +59,11 @@ def move(*arguments):
 
 def test_nothing_is_proved_of_a_move_where_that_is_not_wanted(workplace, capsys):
     assert run(move(*FLOOR)) == 0
-    assert "proved everywhere" in capsys.readouterr().out
+    assert "is proved positive everywhere" in capsys.readouterr().out
     proved = numbers("m.json")
     assert proved["certificate"]["status"] == "valid"
     assert run(move(*FLOOR, "--no-certify")) == 0
-    assert "proved everywhere" not in capsys.readouterr().out
+    assert "is proved positive" not in capsys.readouterr().out
     unproved = numbers("m.json")
     assert unproved["certificate"] is None
     assert unproved["after"] == proved["after"]

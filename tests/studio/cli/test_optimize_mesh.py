@@ -68,7 +68,7 @@ def test_a_draft_of_a_section_leads_to_less_skin_around_the_same_area(workplace,
     assert names_in("out") == RESULTS | PAGE
     assert float(found["surface_area"]["after"]) < 0.9987
     assert float(found["volume"]["after"]) == pytest.approx(1.0, abs=1e-6)
-    for words in ("smallest area (m^2)", "inverted cells", "all 520 spline elements", "heights of the first nodes"):
+    for words in ("smallest area (m^2)", "inverted cells", "all 520 lattice elements", "heights of the first nodes"):
         assert words in shown
     assert judged["n_inverted"] == {"before": 0, "after": 0}
     assert judged["certificate"]["status"] == "valid"
