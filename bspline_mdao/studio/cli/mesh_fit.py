@@ -20,7 +20,7 @@ from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.io.marker_guess import MarkerGuess
 from .mesh_periodic import side_numbers
-from .meshes import n_unmarked_faces, unmarked_lines
+from .meshes import n_unmarked_faces, n_unused_nodes, unmarked_lines, unused_lines
 from .output import counts_text, print_lines, print_table, print_title, print_warnings, written_json
 
 __all__ = ["asked_settings", "fit_mesh", "lattice_numbers", "show_lattice"]
@@ -65,8 +65,8 @@ def asked_settings(spacing: float | None, spans: float | None) -> LatticeSetting
 def fit_mesh_numbers(model: MeshModel, kinds: Mapping[str, MarkerGuess], seconds: float) -> dict:
     """Collect the numbers of a fit for JSON."""
     markers = [{"name": name, **vars(guess)} for name, guess in kinds.items()]
-    unmarked = n_unmarked_faces(model.mesh)
-    mesh = {"mesh": model.mesh.source, "markers": markers, "n_unmarked_faces": unmarked}
+    counts = {"n_unmarked_faces": n_unmarked_faces(model.mesh), "n_unused_nodes": n_unused_nodes(model.mesh)}
+    mesh = {"mesh": model.mesh.source, "markers": markers, **counts}
     periodic = {"periodic": side_numbers(model.periodic, model.mesh)}
     return {**mesh, **lattice_numbers(model), **periodic, "seconds": seconds}
 
@@ -96,7 +96,7 @@ def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Pa
     print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}{in_plane}{said}")
     rows = [(name, f"{len(faces[name]):,}", guess.kind, guess.sure, guess.why) for name, guess in kinds.items()]
     print_table(["marker", "faces", "kind", "how sure", "why"], rows)
-    print_lines(unmarked_lines(numbers["n_unmarked_faces"]))
+    print_lines([*unmarked_lines(numbers["n_unmarked_faces"]), *unused_lines(numbers["n_unused_nodes"])])
     unsure = [name for name, guess in kinds.items() if guess.sure == "unsure"]
     show_lattice(model)
     print_lines([f"{output} written, {numbers['seconds']:.2f} s"])

@@ -177,6 +177,19 @@ def unmarked_lines(n_faces: int) -> list[str]:
     return [said] if n_faces else []
 
 
+def n_unused_nodes(mesh: MixedMesh) -> int:
+    """Nodes of the file that are in no cell, such as centres of arcs that Gmsh writes."""
+    is_used = np.zeros(mesh.n_points, dtype=bool)
+    is_used[mesh.cell_faces[0]] = True
+    return int(np.count_nonzero(~is_used[: mesh.n_stored]))
+
+
+def unused_lines(n_nodes: int) -> list[str]:
+    """Say what happens to nodes that are in no cell."""
+    said = f"{counted(n_nodes, 'node')} in no cell: kept in the file, moved along, and counted in the size of the mesh"
+    return [said] if n_nodes else []
+
+
 def _mesh_numbers(
     mesh: MixedMesh,
     kinds: Mapping[str, MarkerGuess],
@@ -208,6 +221,7 @@ def _mesh_numbers(
             for name, guess in kinds.items()
         ],
         "n_unmarked_faces": n_unmarked_faces(mesh),
+        "n_unused_nodes": n_unused_nodes(mesh),
         "walls": [
             {**numbers, "quantiles": height_quantiles(NodeHeights.of(mesh, mesh.into_fluid(markers[s.patch])).baseline)}
             for numbers, s in zip(spacing_numbers(spacings, reynolds), spacings)
@@ -235,7 +249,7 @@ def _show_mesh(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess], numbers: dict,
         what, unit = measure_of_cells(mesh)
         least = f"smallest {what} {numbers['min_volume']:.4g} {unit}"
         lines.append(f"{least}, {counted(numbers['n_inverted'], 'inverted cell')}")
-    print_lines([*lines, *unmarked_lines(numbers["n_unmarked_faces"])])
+    print_lines([*lines, *unmarked_lines(numbers["n_unmarked_faces"]), *unused_lines(numbers["n_unused_nodes"])])
     _show_proved(certificate, mesh)
     walls = numbers["walls"]
     if walls:

@@ -122,6 +122,22 @@ def test_a_mesh_is_compared_with_the_model_from_which_it_was_moved(workplace, ca
     fails_as_expected(["quality", "moved.su2", "--baseline", "missing.h5"], capsys, "missing.h5")
 
 
+def test_nodes_in_no_cell_are_said_by_inspect_and_fit_and_written_back(workplace, capsys):
+    n, text = len(plane_mesh()[0]), plane_su2_text()
+    unused = [f"{x} {y} {n + k}" for k, (x, y) in enumerate([(0.1, 0.0), (7.0, 3.0), (-1.0, 2.0)])]
+    text = text.replace(f"NPOIN= {n}", f"NPOIN= {n + 3}").replace("NMARK=", "\n".join([*unused, "NMARK="]))
+    (workplace / "more.su2").write_text(text)
+    said = "3 nodes in no cell: kept in the file, moved along, and counted in the size of the mesh"
+    for name, n_unused in (("more", 3), ("plane", 0)):
+        for command in (["inspect", f"{name}.su2"], ["fit", f"{name}.su2", "-o", f"{name}.h5"]):
+            found = f"{name}_{command[0]}.json"
+            assert run([*command, "--json", found]) == 0
+            assert numbers(found)["n_unused_nodes"] == n_unused
+            assert (said in capsys.readouterr().out) == (n_unused == 3)
+    assert run(["move", "more.h5", "--deform", "pitch=2deg", "-o", "moved.su2"]) == 0
+    assert read_mesh("moved.su2").mesh.n_stored == n + 3
+
+
 def test_a_polymesh_has_polyhedra_and_kinds_of_its_types(workplace, capsys):
     write_polymesh("polyMesh", brick_grid((4, 5, 6, 4)))
     assert run(["inspect", "polyMesh", "--json", "i.json"]) == 0
