@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -53,7 +52,7 @@ def draw_wall_cells(
     state = Snapshot.of(grid)
     cells = edge_cells_of(state.grid, state)
     edges = cells.edges
-    with figure(folder, name, size=(2.0 * len(edges) + 0.3, 1.5 * len(moved) + 0.3)) as canvas:
+    with figure(folder, name, (2.0 * len(edges) + 0.3, 1.5 * len(moved) + 0.3), n_colours=16) as canvas:
         panels = canvas.subplots(len(moved), len(edges), squeeze=False)
         for row, (way, nodes) in zip(panels, moved.items()):
             for axes, edge in zip(row, edges):
@@ -62,10 +61,6 @@ def draw_wall_cells(
             row[0].set_ylabel(way)
         for axes, edge in zip(panels[0], edges):
             axes.set_title(edge)
-    file = Path(folder) / f"{name}.png"
-    require("PIL.Image").open(file).convert("RGB").quantize(16).save(
-        file, optimize=True
-    )  # thin lines make large files otherwise
 
 
 def draw_first_heights(folder: str | os.PathLike, name: str, ratios: Mapping[str, Mapping[str, np.ndarray]]) -> None:

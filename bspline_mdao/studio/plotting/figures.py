@@ -74,9 +74,15 @@ def figure(
         file = Path(folder) / f"{name}.png"
         canvas.savefig(file)
         if n_colours is not None:
-            with require("PIL.Image").open(file) as image:
-                few = image.convert("RGB").quantize(n_colours, dither=0)
-            few.save(file, optimize=True)
+            reduce_colours(file, n_colours)
+
+
+def reduce_colours(file: str | os.PathLike, n_colours: int) -> None:
+    """Write a picture again with a few colours; those of thin lines stay, whatever else has many shades."""
+    pillow = require("PIL.Image")
+    with pillow.open(file) as image:  # median cuts would average the colours of few pixels
+        few = image.convert("RGB").quantize(n_colours, pillow.Quantize.MAXCOVERAGE, kmeans=2, dither=0)
+    few.save(file, optimize=True)
 
 
 def draw_net(axes: Any, points: np.ndarray, **style: Any) -> None:

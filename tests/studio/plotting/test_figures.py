@@ -8,7 +8,7 @@ import pytest
 
 import bspline_mdao.plotting
 from bspline_mdao import InputError
-from bspline_mdao.plotting import draw_net, figure
+from bspline_mdao.plotting import BLUE, draw_net, figure
 from bspline_mdao.studio.plotting.figures import net_quads, require
 
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
@@ -60,6 +60,18 @@ def test_a_figure_of_few_colours_is_a_smaller_file_of_the_same_picture(tmp_path)
     assert np.abs(every - few).mean() < 0.03
     assert len(np.unique(few.reshape(-1, 3), axis=0)) <= 16 < len(np.unique(every.reshape(-1, 3), axis=0))
     assert 2 * (tmp_path / "few.png").stat().st_size < (tmp_path / "all.png").stat().st_size
+
+
+def test_a_thin_line_keeps_its_colour_beside_a_map_of_many(tmp_path):
+    for name, n_colours in (("all", None), ("few", 32)):
+        with figure(tmp_path, name, (4.0, 2.0), n_colours) as canvas:
+            shades, line = canvas.subplots(1, 2)
+            shades.pcolormesh(np.random.default_rng(1).uniform(size=(12, 10)), cmap="turbo")
+            line.plot(np.random.default_rng(2).uniform(size=5), color=BLUE, linewidth=1.0)
+    every, few = (np.rint(255.0 * image.imread(tmp_path / f"{name}.png")[..., :3]) for name in ("all", "few"))
+    is_line = (np.abs(every - [0x00, 0x72, 0xB2]) < 1.0).all(axis=-1)
+    assert is_line.any()
+    assert np.abs(few - every)[is_line].max() < 24.0
 
 
 def test_a_net_is_drawn_by_the_lines_of_both_directions(tmp_path):
