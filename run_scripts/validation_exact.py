@@ -38,12 +38,12 @@ SIZES = {
 """Cells around cylinder and section, and along a quarter of a great circle of the sphere."""
 
 ERRORS = {
-    "Cp_error": ("root mean square error of $C_p$", BLUE),
-    "CD": ("$C_D$, exactly 0", ORANGE),
-    "CD_entropy": ("$C_D$ of the entropy", PURPLE),
-    "CL_error": ("relative error of $C_L$", GREEN),
+    "Cp_error": ("root mean square of $C_p$", BLUE, 1.4),
+    "CD": ("$C_D$, exactly 0", ORANGE, 4.0),
+    "CD_entropy": ("$C_D$ of the entropy", PURPLE, 1.4),
+    "CL_error": ("$C_L$, relative", GREEN, 1.4),
 }
-"""What is drawn: labels and colours."""
+"""What is drawn: labels, colours and widths. Both drags nearly agree, so one is drawn thin on the other."""
 
 
 def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0) -> dict:
@@ -197,18 +197,20 @@ def draw(folder, numbers: dict, drawn: dict) -> None:
                 z, speed, _ = joukowski(np.linspace(1e-3, 2.0 * np.pi - 1e-3, 1000))
                 curve, exact = (z.real, 1.0 - speed**2), "exact, M 0"
             upper.plot(*curve, color=GRAY, lw=0.8, label=exact)
-            upper.set(title=case.title, xlabel="$x$", ylabel="$C_p$")
+            upper.set(title=case.title, xlabel="$x$ (m)", ylabel="$C_p$")
             upper.invert_yaxis()
             upper.legend(fontsize=9)
             members, n = numbers[name]["members"], [member["n_along"] for member in numbers[name]["members"]]
             for key, order in numbers[name]["orders"].items():
-                errors, (label, color) = [abs(member[key]) for member in members], ERRORS[key]
+                errors, (label, color, width) = [abs(member[key]) for member in members], ERRORS[key]
                 suffix = f", order {order:.2f}" if order else ", changes sign"
-                lower.loglog(n, errors, "o-", color=color, label=label + suffix)
-            lower.set(xlabel="cells along a quarter" if name == "sphere" else "cells around")
+                lower.loglog(n, errors, "o-", color=color, lw=width, ms=3.0 + width, label=label + suffix)
+            lower.set(xlabel="cells along a quarter" if name == "sphere" else "cells around", ylabel="error")
+            decades = np.log10(lower.get_ylim()) + [0.0, 0.3]  # whole ones, and room for the legend
+            lower.set_ylim(10.0 ** np.floor(decades[0]), 10.0 ** np.ceil(decades[1]))
             lower.set_xticks(n, n)
-            lower.minorticks_off()
-            lower.legend(fontsize=8)
+            lower.set_xticks([], minor=True)
+            lower.legend(fontsize=8, loc="upper right")
 
 
 if __name__ == "__main__":
