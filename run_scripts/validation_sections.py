@@ -147,11 +147,11 @@ def limit(values: np.ndarray) -> dict | None:
 
 def draw(folder, numbers: dict, drawn: dict) -> None:
     """Draw pressures on the finest grids, and lift and drag over the cells each way."""
-    with figure(folder, "validation_sections", size=(11.0, 6.4)) as canvas:
+    with figure(folder, "validation_sections", size=(11.0, 6.8)) as canvas:
         for mach, (pressures, lift, drag) in zip(PUBLISHED, canvas.subplots(2, 3)):
             found = numbers[f"M {mach:g}"]
             for family, color in COLORS.items():
-                pressures.plot(*drawn[mach, family], ".", color=color, markersize=3, label=f"{family}-grid")
+                pressures.plot(*drawn[mach, family], ".", color=color, markersize=3, label=f"{family}-grids")
                 members = found[family]["members"]
                 cells = np.sqrt([member["n_cells"] for member in members])
                 for axes, key in ((lift, "CL"), (drag, "CD")):
@@ -164,9 +164,9 @@ def draw(folder, numbers: dict, drawn: dict) -> None:
             lift.axhline(end, color=GRAY, linestyle=":", label="its limit")
             if mach in POTENTIAL:
                 lift.axhline(POTENTIAL[mach], color=GRAY, linestyle="--", label="potential flow")
-            for key, value in GALERKIN.get(mach, {"CD": 0.0}).items():
-                label = "Galerkin, cited" if mach in GALERKIN else "exact"
-                {"CL": lift, "CD": drag}[key].axhline(value, color=GRAY, linestyle="--", label=label)
+                drag.axhline(0.0, color=GRAY, linestyle="--", label="potential flow")
+            for key, value in GALERKIN.get(mach, {}).items():
+                {"CL": lift, "CD": drag}[key].axhline(value, color=GRAY, linestyle="-.", label="Galerkin, cited")
             pressures.set(title=f"Mach {mach:g}, {ALPHA:g}°", xlabel="$x / c$", ylabel="$C_p$")
             pressures.invert_yaxis()
             lift.set(xlabel="cells each way", ylabel="$C_L$")
@@ -175,8 +175,10 @@ def draw(folder, numbers: dict, drawn: dict) -> None:
                 ticks = [32 * 4**n for n in range(4) if 32 * 4**n <= last]
                 axes.set_xticks(ticks, ticks)
                 axes.minorticks_off()
-            for axes in (pressures, lift, drag):
-                axes.legend(fontsize=8)
+        handles = {}
+        for axes in canvas.axes[1::3]:  # of lift, which has every name
+            handles |= dict(zip(*axes.get_legend_handles_labels()[::-1]))
+        canvas.legend(handles.values(), handles, loc="outside lower center", ncols=4)
 
 
 if __name__ == "__main__":
