@@ -159,7 +159,8 @@ def draw(folder, given: bm.FittedModel, found: bm.adaptation.Adaptation, members
             cells = axes.add_collection(PolyCollection(corners, array=sizes, **look))
             axes.set(xlim=(-0.3, 1.3), ylim=(-0.8, 0.8), aspect="equal", xlabel="$x / c$")
             axes.set_title(f"{'given' if axes is before else 'adapted'}: $C_D = {estimates['CD'].value:.5f}$")
-        canvas.colorbar(cells, ax=[before, after], label="contribution to the error of $C_D$, decades")
+        before.set_ylabel("$y / c$")
+        canvas.colorbar(cells, ax=[before, after], label="$\\log_{10}$ of the contribution to the error of $C_D$")
         sides = [np.sqrt(member["n_cells"]) for member in members]
         drag.loglog(sides, [abs(member["CD"]) for member in members], "o-", color=BLUE, label="family")
         drag.loglog(np.sqrt(adapted["n_cells"]), abs(adapted["CD"]), "s", color=ORANGE, label="adapted")
