@@ -28,7 +28,7 @@ def driver_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     dict of dict
         Keywords of ``plot`` by name.
     """
-    lines = (ORANGE, 2.4), (BLUE, 1.2), (GREEN, 1.2), (PURPLE, 1.2)
+    lines = (ORANGE, 4.0), (BLUE, 1.2), (GREEN, 1.2), (PURPLE, 1.2)
     return {name: dict(zip(("color", "linewidth"), lines[n % len(lines)])) for n, name in enumerate(names)}
 
 
@@ -68,7 +68,7 @@ def draw_history(
 def draw_optimality(axes: Any, runs: Mapping[str, RecordedRun]) -> None:
     """Draw the optimality of every driver, relative to its first gradient, and the violations of constraints.
 
-    The axis ends at the decade of the smallest optimality: smaller violations, and zeros, are not visible.
+    The axis ends at the decade of the smallest optimality. A driver with only smaller violations has no line of them.
 
     Parameters
     ----------
@@ -77,16 +77,18 @@ def draw_optimality(axes: Any, runs: Mapping[str, RecordedRun]) -> None:
     runs : mapping of str to RecordedRun
         Optimisations by the names of their drivers.
     """
-    styles, least = driver_styles(runs), 1.0
+    styles = driver_styles(runs)
+    relative = {name: run.convergence.residuals / run.convergence.residuals[0] for name, run in runs.items()}
+    floor = 10.0 ** np.floor(np.log10(min([1.0, *(values[values > 0.0].min() for values in relative.values())])))
+    label = "optimality relative to the first"
     for name, run in runs.items():
         found, style = run.convergence, styles[name]
-        relative = found.residuals / found.residuals[0]
-        least = min(least, relative[relative > 0.0].min())
         dots = {"markersize": 2.5 + style["linewidth"]}
-        axes.semilogy(found.differentiated, relative, "o-", label=f"{name}: optimality", **style | dots)
-        if found.violations.any():
+        axes.semilogy(found.differentiated, relative[name], "o-", label=f"{name}: optimality", **style | dots)
+        if (found.violations > floor).any():
             axes.semilogy(found.violations, ":", label=f"{name}: violation", **style)
-    axes.set_ylim(bottom=10.0 ** np.floor(np.log10(least)))
-    axes.set(xlabel="evaluation", ylabel="optimality relative to the first, violation")
+            label = "optimality relative to the first, violation"
+    axes.set_ylim(bottom=floor)
+    axes.set(xlabel="evaluation", ylabel=label)
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.legend(fontsize=8)

@@ -1,7 +1,8 @@
 """Lines of wings by the kind of their grid: both sides from the leading to the trailing edge, and sections.
 
-Grids of blocks have patches ``wing_upper`` and ``wing_lower`` and lines of their own. For unstructured meshes, walls
-whose names begin with ``wing`` are cut, or all walls if there are none. x points downstream, y up, z along the span.
+Grids of blocks with patches ``wing_upper`` and ``wing_lower`` have lines of their own. In other grids and in meshes
+without structure, walls whose names begin with ``wing`` are cut, or all walls if there are none. x points downstream, y
+up, z along the span.
 """
 
 from __future__ import annotations
@@ -65,7 +66,9 @@ def _sides_of_blocks(model: FittedModel, nodes: np.ndarray) -> tuple[np.ndarray,
 
 @section_of.register(FittedModel)
 def _section_of_blocks(model: FittedModel, nodes: np.ndarray, part: float) -> np.ndarray:
-    """The section along the nearest grid line."""
+    """The section along the nearest grid line, or a cut of walls that have no upper and lower side."""
+    if not {"wing_upper", "wing_lower"} <= {patch.name for patch in model.header.patches}:
+        return _section_of_walls(model, nodes, part)
     upper, lower = sides_of(model, nodes)
     nearest = np.argmin(np.abs(upper[0, :, 2] - part * upper[0, -1, 2]))
     return np.concatenate([upper[:, nearest], lower[::-1, nearest]])
@@ -95,16 +98,17 @@ def _sides_of_mesh(model: MeshModel, nodes: np.ndarray) -> tuple[np.ndarray, np.
 
 
 @section_of.register(MeshModel)
-def _section_of_mesh(model: MeshModel, nodes: np.ndarray, part: float) -> np.ndarray:
+def _section_of_walls(model: FittedModel | MeshModel, nodes: np.ndarray, part: float) -> np.ndarray:
     surface, points = _wing(model, nodes)
     line = _around(surface, points, part * points[:, 2].max())
     return np.concatenate([line, line[:1]])
 
 
-def _wing(model: MeshModel, nodes: np.ndarray) -> tuple[SurfaceGrid, np.ndarray]:
+def _wing(model: FittedModel | MeshModel, nodes: np.ndarray) -> tuple[SurfaceGrid, np.ndarray]:
     """Walls of the wing, and their nodes."""
-    names = [name for name in model.walls.names if name.lower().startswith("wing")]
-    surface = SurfaceGrid.of(model, names or None)
+    surface = SurfaceGrid.of(model)
+    names = [name for name in dict.fromkeys(surface.patches) if name.lower().startswith("wing")]
+    surface = SurfaceGrid.of(model, names) if names else surface
     return surface, nodes[surface.rows]
 
 

@@ -11,7 +11,7 @@ from bspline_mdao.core.design.parametrization import Parametrization
 from bspline_mdao.core.design.reference_axis import ReferenceAxis
 from bspline_mdao.design import Twist
 from bspline_mdao.errors import InputError
-from bspline_mdao.generators import Planform, Spacing, Wing, hh_wing_grid, naca_section, onera_m6_grid
+from bspline_mdao.generators import Planform, Spacing, Wing, hh_wing_grid, naca_section, onera_m6_grid, section_o_grid
 from bspline_mdao.meshes import MeshModel, MixedMesh
 from bspline_mdao.movers import LinearElasticity, moving_mesh
 from bspline_mdao.plotting import (
@@ -75,6 +75,17 @@ def test_planform_and_sections_have_the_sizes_of_the_wing(model, nodes, axes):
     np.testing.assert_allclose(np.ptp(first, axis=0), [1.0, 0.12], rtol=0.02)
     np.testing.assert_allclose(second[:, 1].mean() - first[:, 1].mean(), -0.25, atol=1e-3)
     assert len(axes.get_legend_handles_labels()[1]) == 1
+
+
+def test_the_section_of_an_o_grid_is_that_of_its_wall():
+    profile = naca_section(0.12)
+    model = fit_grid(section_o_grid(profile, 32, n_away=12), n_control=[(11, 7, 2)])
+    nodes = model.regenerate().to_vector()
+    wall = nodes.reshape(-1, 3)[np.unique(wall_quads(model))]
+    section = wing_section(model, nodes, part=0.5)
+    distances = np.linalg.norm(section[:, None, :2] - wall[:, :2], axis=-1).min(axis=1)
+    np.testing.assert_allclose(distances, 0.0, atol=1e-12)
+    assert len(np.unique(np.round(section[:, :2], 9), axis=0)) == 32
 
 
 @pytest.fixture(scope="module")
