@@ -82,7 +82,7 @@ FUNCTIONALS = {
 """The available functionals, by name."""
 
 
-OF_SECTION = "CL, CD and CM are those of a section, cl, cd and cm: per unit of span"
+OF_SECTION = "CL, CD and CM are section coefficients, cl, cd and cm: per unit of span"
 """Remark on these for walls that are the same from one plane of symmetry to another."""
 
 

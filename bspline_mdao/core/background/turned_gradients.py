@@ -1,17 +1,17 @@
-"""Energy of a background lattice's deviation from prescribed rotations: of its gradient from a rotation.
+"""Energy of a background lattice: how far the gradients of its displacement deviate from prescribed rotations.
 
     E(d) = h0^2 / 2 sum over spans of q integral of |grad d - (R - I)|^2 ,    q = prod over directions of t h0 / h^2 ,
 
-with the widths h that spans have unless narrower ones are requested, h0 the smallest of them in each direction, or the
-geometric mean of these, and t the square of the width divided by h. So it has the unit of a squared displacement, and
-is independent of size. R is known at two Gauss points in each direction of each span, which is exact if it is constant:
-a rigid motion has zero energy.
+Here h is the width that a span has unless a narrower one is requested, and t is the square of its actual width divided
+by h. In q, h0 is the smallest h of each direction; before the sum it is the geometric mean of these. The energy has the
+unit of a squared displacement and is independent of size. R is known at two Gauss points in each direction of each
+span. This is exact if R is constant, so a rigid motion has zero energy.
 
-In cylindrical coordinates circumferential slopes are taken by arc length, r0 / r times the slopes by the coordinate.
-The rotation of the directions is neglected, which a period makes small: anything independent of the angle adds nothing
-to it.
+In cylindrical coordinates, circumferential slopes are with respect to arc length: r0 / r times the slopes with respect
+to the coordinate. The rotation of the directions is neglected. In a periodic sector its effect is small, because
+nothing that is independent of the angle contributes to it.
 
-Everything is a product of one-directional matrices, applied one after the other.
+All operators are products of one-dimensional matrices, applied one direction at a time.
 
 Theory: ``docs/theory/background_lattice.rst``.
 """
@@ -33,12 +33,12 @@ from .lattice_line import LatticeLine
 __all__ = ["TurnedGradients"]
 
 NEAR = 1.0
-"""Power of h0 / h: the stiffer narrow spans are relative to wide ones, the more of a rotation is taken by the wide
-ones. With 0, a wing of an H-H grid bent by 60 degrees keeps a third of the smallest Q that it has with 1."""
+"""Power of h0 / h. The stiffer narrow spans are relative to wide ones, the more of a rotation happens in the wide ones.
+With 0, the smallest Q of an H-H grid whose wing is bent by 60 degrees is a third of what it is with 1."""
 
 IN_GAPS = 2.0
-"""Power t of the width where a gap requests narrower spans: bodies that move apart are better served by bending alone.
-With 0, cells next to a flap that leaves its wing are inverted; with 1 as well."""
+"""Power of the relative width in t, for spans that a gap requests to be narrower. Bodies that move apart are better
+served by bending only. With 0 or 1, cells next to a flap that leaves its wing are inverted."""
 
 N_PLACES = 2
 """Gauss points in each direction of each span."""
@@ -122,13 +122,13 @@ class TurnedGradients(OneLine):
 
     @property
     def _squared_steepness(self) -> Callable[[np.ndarray], np.ndarray] | None:
-        """Factors of squared slopes in the third direction by the second coordinate (m); None if all are one."""
+        """Factors of squared slopes in the third direction for each second coordinate (m); None if all are one."""
         frame = self.lattice.frame
         return None if frame.is_cartesian else lambda radii: frame.steepness(radii) ** 2
 
     @staticmethod
     def _applied(matrices: Sequence[np.ndarray], field: np.ndarray) -> np.ndarray:
-        """Apply a matrix of each direction to fields at a net, shape (n, m)."""
+        """Apply a matrix of each direction to fields on a net, shape (n, m)."""
         net = field.reshape(*(matrix.shape[1] for matrix in matrices), -1)
         for matrix in matrices:  # the first direction comes last, so all three end up in order
             net = np.tensordot(net, matrix, axes=(0, 1))

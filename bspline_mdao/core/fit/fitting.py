@@ -259,7 +259,7 @@ def _fit(
     if topology.shapes != grid.shapes:
         raise InputError(f"{grid.source}: the topology is of other blocks, {topology.source}; find this grid's")
     for first, again in topology.repeated:
-        raise InputError(f"{grid.source}: block {again + 1} is block {first + 1} once more; leave one of them out")
+        raise InputError(f"{grid.source}: block {again + 1} repeats block {first + 1}; leave one of them out")
     sharing = FitNodes.of(topology, comm)
     with together(comm):
         blocks = {number: _block(grid, number) for number in sharing.blocks}

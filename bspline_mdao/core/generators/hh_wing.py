@@ -22,7 +22,7 @@ it. Seen from above, these are six patches of nodes, three along the stream inbo
 
 The line leaves the surface in a direction between the wall's normal and the vertical, bends into the vertical within a
 few tenths of a chord, and drifts towards its place at the outer boundary, where the clustering is relaxed. The grid is
-an explicit smooth function of one-dimensional distributions, so grids of all resolutions are alike.
+an explicit smooth function of one-dimensional distributions, so grids of all resolutions are similar.
 
 Theory: ``docs/theory/generators.rst``.
 """

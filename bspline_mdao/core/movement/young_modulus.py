@@ -40,7 +40,7 @@ class StiffnessLaw(Protocol):
     >>> from bspline_mdao.generators import brick_grid
     >>> from bspline_mdao.movers import WallDistanceLaw, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
-    >>> law = WallDistanceLaw(power=2.0)  # a law is one, as are those of yours with its three methods
+    >>> law = WallDistanceLaw(power=2.0)  # any object with its three methods is a law
     >>> law.modulus(mesh, mesh.points, mesh.points).shape == (len(mesh.elements),)
     True
     """

@@ -1,18 +1,18 @@
 """Points between several walls, as in the corner of a wing and a body: they keep their heights above each wall.
 
-Each closest point k of such a point takes it to a place T_k, and keeps its height above the wall there, but not above
-the others: if the angle between two walls changes by 10 degrees, the mean m of the T_k with the weights b_k misses the
-heights of first cells by 9 %. So the place that is followed is m + e, near m, which keeps all heights. Here
+Each closest point k of such a point moves it to a position T_k that keeps its height above the wall there, but not
+above the others. If the angle between two walls changes by 10 degrees, first cells at the mean m of the T_k, with the
+weights b_k, have heights that are wrong by 9 %. The point therefore goes to m + e, near m, where all heights are kept:
 
     e minimises  sum_k b_k (n'_k . (e - c_k (T_k - m)))^2 + E |e|^2,  or
     (sum_k b_k n'_k (x) n'_k + E I) e = sum_k b_k c_k n'_k (n'_k . (T_k - m)),
 
-and n'_k is the wall's normal after the move: the vector from the closest point to the point, turned by the cofactors of
-G (a matrix G turns vectors, its cofactors turn the normals of areas). In a plane that the point stays in, only the
-component of a normal along the plane counts. Heights above the wall that a point follows most are kept, c_k = 1.
-Heights above another wall are kept as much as the point follows it; otherwise cells fold where a point far from one
-wall and a first cell off the other begins to keep both. If walls move as one body, e is zero. The point cannot keep
-both heights between the opposite walls of a gap, and stays at the mean there.
+Here n'_k is the wall's normal after the move: the vector from the closest point to the point, turned by the cofactors
+of G (a matrix G turns vectors, its cofactors turn area normals). If the point stays in a plane, only the component of a
+normal along the plane counts. Heights above the wall that a point follows most are kept, c_k = 1. The less a point
+follows another wall, the less its height above that wall is kept. Otherwise cells fold where a point far from one wall,
+and a first cell off the other, begins to keep both. If the walls move as one body, e is zero. Between the opposite
+walls of a gap a point cannot keep both heights, and stays at the mean.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -26,11 +26,11 @@ import numpy as np
 __all__ = ["Corners", "CornersMoved"]
 
 DEVIATION = 0.001
-"""E. Small: heights in the corner are kept to 0.5 % of the mean's error, to 3 % with 0.01. Not zero, since two normals
-do not determine a place."""
+"""E. It is small: heights in the corner have 0.5 % of the mean's error left (3 % with 0.01). It is not zero, as two
+normals do not determine a position."""
 
 ON_WALL = 1e-12
-"""Distance from the wall, relative to its size, up to which a point is on it: the vector to it is round-off."""
+"""Distance from the wall, relative to its size, up to which a point counts as on it: the vector is round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +41,14 @@ class Corners:
     starts: np.ndarray  # int (n,), the first closest point of each
     at: np.ndarray  # int (m,), the point of each closest point, among `rows`
     ids: np.ndarray  # int (m, 3), nodes of the wall: corners of the triangles of the closest points
-    barycentric: np.ndarray  # (m, 3), where in their triangles these are
+    barycentric: np.ndarray  # (m, 3), positions of the closest points in their triangles
     # (m, 3), weights of the nodes: the barycentric coordinates, or the weights with which points turn about the nodes
     weights: np.ndarray
     by_corners: np.ndarray  # bool (m,), whether points turn about the nodes, and not about the closest points
     fractions: np.ndarray  # (m,), weights of the closest points, b_k, which sum to one for each point
     kept: np.ndarray  # (m,), how much of the heights above them is kept, c_k
-    seen: np.ndarray  # (m, 3, 3), onto the planes that the points stay in, times the square roots of the fractions
-    follows: np.ndarray  # (n, 3, 3), onto these planes, times how much the points follow
+    seen: np.ndarray  # (m, 3, 3), projection onto the planes of the points, times the square roots of the fractions
+    follows: np.ndarray  # (n, 3, 3), this projection, times how much the points follow
 
     @classmethod
     def of(
@@ -82,7 +82,7 @@ class Corners:
             weights=weights[kept],
             by_corners=by_corners[is_off][at],
             fractions=fractions,
-            kept=1.0 - np.maximum(1.0 - 2.0 * fractions, 0.0) ** 4,  # a half is the most, between two walls
+            kept=1.0 - np.maximum(1.0 - 2.0 * fractions, 0.0) ** 4,  # between two walls, the smaller is a half at most
             seen=np.sqrt(fractions)[:, None, None] * planes[at],
             follows=totals[:, None, None] * planes,
         )

@@ -1,19 +1,19 @@
 """Runs that stagnate: their residual is low and oscillates, but there is no steady flow nearby.
 
-As a shock moves over the cells, steady states end one after another, each where it meets an unstable one: at a fold. A
-run passes places where the last one has just ended. There the residual has a minimum that is not zero, and the Jacobian
-is singular. On the far side some components of the states move away at a rate mu in pseudo-time. A step with a time
-step h changes these components by
+As a shock moves across the cells, one steady state after another disappears at a fold, where it meets an unstable one.
+A run passes points where the last one has just disappeared. There the residual has a minimum that is not zero, and the
+Jacobian is singular. On the far side, some components of the states move away at a rate mu in pseudo-time. A step with
+a time step h changes these components by
 
     (1/h - mu) T dW = -R ,
 
-which is forward, and the residual grows by 1/(1 - h mu), as long as h mu < 1. With h mu = 1 it is unbounded, and with
-more it goes *backward*, to the near side, from where the next long step leads to the far side again: the run oscillates
-forever.
+As long as h mu < 1 this is forward, and the residual grows by 1/(1 - h mu). With h mu = 1 the step is unbounded. With
+more it goes *backward*, to the near side. From there the next long step leads to the far side again, so the run
+oscillates forever.
 
-The growth `growth` h mu of the components of a step is known from the step and its residual: it is the Rayleigh
+The growth h mu of the components of a step, `growth`, is known from the step and its residual: it is the Rayleigh
 quotient of the Jacobian in the metric of the time terms. A stagnating run returns to short time steps, and lets them
-grow only as far as `growth` allows. So it is carried past the fold, while the residual rises by orders of magnitude, to
+grow only as far as `growth` allows. This takes it past the fold, while the residual rises by orders of magnitude, to
 where there is a steady flow.
 
 Theory: ``docs/theory/euler.rst``.
@@ -50,10 +50,10 @@ def course_of(
 
 
 def begins_to_stagnate(settings: NewtonSettings, history: Sequence[NewtonStep]) -> bool:
-    """Whether residuals are low but no new lowest one was among the last, or steps reverse each other."""
-    # While shocks travel residuals are higher, and steps continue, or are taken in part. Two whole steps in a row, each
-    # of which reverses the previous one, and which together do not halve the residual, oscillate at any residual: in
-    # ten cells at the tip of an M6 of a million cells, at 1e-3.
+    """Whether residuals are low but the last ones have no new minimum, or steps reverse each other."""
+    # While shocks travel, residuals are higher, and steps continue or are shortened. Two whole steps in a row that each
+    # reverse the previous one, and together do not halve the residual, oscillate at any residual: on an M6 of a million
+    # cells, at 1e-3 in ten cells at the tip.
     residuals = [step.residual for step in history]
     if len(residuals) < 3:
         return False
@@ -76,7 +76,7 @@ def begins_to_stagnate(settings: NewtonSettings, history: Sequence[NewtonStep]) 
 
 
 def lowest_before(settings: NewtonSettings, history: Sequence[NewtonStep]) -> float:
-    """Lowest residual before a run began to stagnate, zero if it does not; not yet set in its last step."""
+    """Lowest residual before a run began to stagnate, zero if it does not. The last step does not have it yet."""
     before = history[-2].stagnates_from if len(history) > 1 else 0.0
     if before:
         return before if history[-1].residual > settings.stagnates_until * before else 0.0
@@ -98,7 +98,7 @@ def stagnation_cfl(settings: NewtonSettings, history: Sequence[NewtonStep], is_l
 
 
 def since_stagnation(history: list[NewtonStep]) -> list[NewtonStep]:
-    """Steps of a stagnating run, from the first stagnating one; all steps of other runs. Past a fold residuals rise."""
+    """Steps of a stagnating run, from the first stagnating one; all steps of other runs. Residuals rise past a fold."""
     first = len(history)
     while history[first - 1].stagnates_from:
         first -= 1

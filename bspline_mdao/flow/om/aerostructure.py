@@ -209,7 +209,7 @@ _FLIGHT = [
     ("R", "flight_range"),
     ("CT", "consumption"),
 ]
-"""OpenAeroStruct's names of the flight conditions and ours."""
+"""OpenAeroStruct's names of the flight conditions, and the names here."""
 
 _DEFAULTS = {
     "alpha": (4.0, "deg"),

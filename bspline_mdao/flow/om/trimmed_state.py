@@ -191,7 +191,7 @@ class TrimmedState(EulerState):
         self._solution = self._converged = replace(self._solution, history=history)
 
     def _advised(self, complaint: str, inputs: Vector) -> str:
-        """Complaint of a flow on the way to the lift, with what to check: a wrong area asks for wrong angles."""
+        """Message on a flow that fails on the way to the lift: what to check; a wrong area leads to wrong angles."""
         return (
             f"CL_target {self._inputs['CL_target'].item():g} is not reached: at alpha {inputs['alpha'].item():.4g} deg "
             f"{complaint}; check CL_target and {self._area()}, or take a smaller CL_target or Mach number"

@@ -23,7 +23,7 @@ from .mach_range import MachWatch
 from .outputs import declaration
 
 STREAM = [("v", "velocity"), ("rho", "density")]
-"""OpenAeroStruct's names of the stream and ours."""
+"""OpenAeroStruct's names of the stream, and the names here."""
 
 _WING = "wing"
 """Name of the wing in OpenAeroStruct's components."""

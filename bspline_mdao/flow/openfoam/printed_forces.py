@@ -1,4 +1,4 @@
-"""OpenFOAM's own coefficients, with the references of the flow: ours are compared with them."""
+"""OpenFOAM's own coefficients, with the references of the flow, to compare with this package's."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def doubts_about_axes_and_area(
 def doubts_about_forces(ours: dict[str, float], theirs: dict[str, float] | None) -> list[str]:
     """Doubts about coefficients, compared with OpenFOAM's."""
     if theirs is None:
-        return ["OpenFOAM wrote no coefficients to compare ours with; check its log"]
+        return ["OpenFOAM wrote no coefficients to compare with; check its log"]
     size = max(map(abs, theirs.values()))
     found = [
         f"{name} is {ours[name]:.8g}, and OpenFOAM finds {theirs[name]:.8g}; report this"

@@ -93,7 +93,7 @@ class Su2Case(OneLine):
     starts_warm: bool = True  # whether a flow starts from the last one
 
     def solve(self, nodes: np.ndarray, point: Su2Point) -> Su2Solution:
-        """Solve the flow at nodes, shape (n_nodes, 3), in our axes."""
+        """Solve the flow at nodes, shape (n_nodes, 3), in the grid's axes."""
         with locked_case(self.path) as lock:
             return self._solve(self.mesh.text(nodes), point, lock)
 

@@ -1,7 +1,7 @@
 """The frame of SU2: x downstream and, in three dimensions, z up and y along the span; in two dimensions y up.
 
-Our axes are rotated into it, never mirrored, so that moments transform like forces. In three dimensions the span may
-then lie on the side of negative y, which makes no difference to a flow with a plane of symmetry, nor to forces that are
+The grid's axes are rotated into it, never mirrored, so moments transform like forces. In three dimensions the span may
+then be on the side of negative y. This makes no difference to a flow with a plane of symmetry, nor to forces that are
 rotated back.
 """
 
@@ -52,7 +52,7 @@ class Su2Frame(OneLine):
 
     @property
     def moment_rows(self) -> dict[str, np.ndarray]:
-        """Directions in our axes of the available moments, by SU2's names of them as objectives."""
+        """Directions in the grid's axes of the available moments, by SU2's names of them as objectives."""
         if self.n_axes == 2:
             return {"MOMENT_Z": np.cross(*self.rows)}
         return dict(zip(("MOMENT_X", "MOMENT_Y", "MOMENT_Z"), self.rows))

@@ -110,7 +110,7 @@ class Su2Mesh(OneLine):
         return cls("\n".join([*parts, ""]), "\n".join([*ends, ""]), frame)
 
     def text(self, nodes: np.ndarray) -> str:
-        """Text with nodes, shape (n_file, 3), in our axes."""
+        """Text with nodes, shape (n_file, 3), in the grid's axes."""
         points = nodes @ self.frame.rows.T
         form = " ".join(["%.17g"] * points.shape[1])
         lines = "\n".join(form % tuple(point) for point in points.tolist())

@@ -196,7 +196,7 @@ def _bases_left_out(file: h5py.File) -> tuple[str, ...]:
 
 
 def _of_hexahedra(zone: h5py.Group) -> str:
-    """Give the number and degree of the hexahedra of an unstructured zone, if they are in our own format."""
+    """Give the number and degree of the hexahedra of an unstructured zone, if they are in this package's format."""
     found = []
     for _, section in children(zone, "Elements_t"):
         kind, ends = int(value(section)[0]), first_child(section, "IndexRange_t")

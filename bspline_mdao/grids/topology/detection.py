@@ -166,7 +166,7 @@ def _topology_of(grid: Grid | StoredGrid, blocks: Sequence[Shell]) -> Topology:
         collapses=segmentation.collapses,
         warnings=_shortened(
             [
-                *(f"block {again + 1} is block {first + 1} once more; leave one out" for first, again in repeated),
+                *(f"block {again + 1} repeats block {first + 1}; leave one out" for first, again in repeated),
                 *_gap_warnings(near_misses, joined_gaps, grid.length_unit),
                 *_warnings(grid, blocks, coincidence, faces, quads, matches, segmentation, patch_ids, is_closed),
             ]

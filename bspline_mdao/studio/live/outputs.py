@@ -30,7 +30,7 @@ def model_of(live: LiveModel, shape: Shape) -> FittedModel:
 
 
 def write_shape(path: Path, live: LiveModel, shape: Shape) -> tuple[Path, ...]:
-    """Write a shape in the format that the name of the file asks for; return the files that were written.
+    """Write a shape in the format of the file's suffix; return the files that were written.
 
     ``.html`` is a report, ``.h5`` a model, ``.step`` or ``.igs`` its walls as CAD. ``.toml`` is a study, with the model
     that it starts from next to it, or the study whose variables are shown, with their values. ``.csv`` has the control

@@ -1,4 +1,4 @@
-"""The report of OpenMDAO: a page on an optimisation, if ``OPENMDAO_REPORTS`` or ``reports`` asks for it.
+"""The report of OpenMDAO: a page on an optimisation, if ``OPENMDAO_REPORTS`` or ``reports`` requests it.
 
 ``OPENMDAO_REPORTS=bspline_mdao python script.py`` writes it next to the other reports of the problem. If no recorder
 is attached to the driver, one is attached for the run, which records all that the page shows.

@@ -161,7 +161,7 @@ class Meshes(GridKind):
         judged = ", ".join(name for name, aggregate in AGGREGATES.items() if aggregate.of_mixed)
         for name, aggregate in AGGREGATES.items():
             if not aggregate.of_mixed and (path := _first(asked, name)):
-                yield path, f"asks for '{name}', which needs hexahedra in blocks; for any cells there are {judged}"
+                yield path, f"names '{name}', which needs hexahedra in blocks; for any cells there are {judged}"
         if "grid" in document.get("output", {}):
             yield ("output", "grid"), "is for grids of blocks; a mesh is written as its own file is: leave it out"
 

@@ -353,7 +353,7 @@ class _Reader(Tables):
                 if name in MEASURES and name not in found:
                     required = [key for key, spec in MEASURES[name].all_keys.items() if spec.is_required]
                     if required:
-                        lacks = f"asks for '{name}' without [measures.{name}]; add it with {' and '.join(required)}"
+                        lacks = f"names '{name}' without [measures.{name}]; add it with {' and '.join(required)}"
                         raise self.refuse(self._written(path), lacks)
                     defaults = {key: spec.default for key, spec in MEASURES[name].all_keys.items()}
                     found[name] = defaults | {"kind": name}
@@ -364,7 +364,7 @@ class _Reader(Tables):
     def _unknown(
         self, of: str, name: str, measures: Iterable[str], flow: Table | None, conditions: Iterable[str]
     ) -> str:
-        said = f"asks for '{name}', which does not exist" if of == name else f"is '{of}'; there is no '{name}'"
+        said = f"names '{name}', which does not exist" if of == name else f"is '{of}'; there is no '{name}'"
         condition, _, output = name.rpartition(".")
         if condition and condition not in conditions:
             return f"{said}: '{condition}' {self._no_condition(condition, conditions)}"
@@ -386,7 +386,7 @@ class _Reader(Tables):
             if path[0] == "objective" or is_expression:
                 for name in names_in(of):
                     if name in measures and not MEASURES[measures[name]["kind"]].is_number:
-                        raise self.refuse(path, f"asks for '{name}', which is several numbers; constrain it instead")
+                        raise self.refuse(path, f"names '{name}', which is several numbers; constrain it instead")
 
     def _names(self, variables: Iterable[str], measures: Iterable[str], conditions: Iterable[str]) -> None:
         """Refuse names that are taken."""
@@ -416,7 +416,7 @@ class _Reader(Tables):
             for response in constraint_responses(name, table["of"], conditions):
                 if response.output in seen:
                     raise self.refuse(
-                        path, f"asks for '{response.output}', as {seen[response.output]} does; leave one out"
+                        path, f"names '{response.output}', as {seen[response.output]} does; leave one out"
                     )
                 if response.component in made:
                     raise self.refuse(path, "is a name already in use; choose another one and give of")

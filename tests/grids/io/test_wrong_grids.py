@@ -139,9 +139,9 @@ def test_a_block_that_is_given_twice_is_reported_and_not_fitted(tmp_path, monkey
         assert run(arguments) == 0
         assert "block 1 (1, 1-4, 1-5) and block 2 (1, 1-4, 1-5) coincide" in capsys.readouterr().err
     assert run(["fit", "twice.xyz", "-o", "m.h5"]) == 2
-    assert "twice.xyz: block 2 is block 1 once more" in capsys.readouterr().err
+    assert "twice.xyz: block 2 repeats block 1" in capsys.readouterr().err
     assert not Path("m.h5").exists()
-    with pytest.raises(InputError, match="block 2 is block 1 once more; leave one of them out"):
+    with pytest.raises(InputError, match="block 2 repeats block 1; leave one of them out"):
         fit_grid(twice)
 
 

@@ -451,7 +451,7 @@ def test_a_block_that_is_given_once_more_is_found_whatever_it_touches():
     assert find_topology(grid_of(left, right, ORIENTATIONS[17].apply(right))).repeated == ((1, 2),)
     topology = find_topology(grid_of(left, right, left, patches=(plate,)))
     assert topology.repeated == ((0, 2),)
-    assert "block 3 is block 1 once more; leave one out" in topology.warnings
+    assert "block 3 repeats block 1; leave one out" in topology.warnings
 
 
 def test_a_block_without_extent_is_refused():

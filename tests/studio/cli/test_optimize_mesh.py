@@ -177,7 +177,7 @@ MESH_STUDIES = {
     ),
     "corners": (
         "[constraints.corner_ks]\nlower = 0.1\n",
-        ("line 15: [constraints] 'corner_ks' asks for 'corner_ks', which needs hexahedra", "volume_ks"),
+        ("line 15: [constraints] 'corner_ks' names 'corner_ks', which needs hexahedra", "volume_ks"),
     ),
     "movement": ('[movement]\nmover = "elasticity"\n', ("line 15: 'movement' is for grids of blocks; the lattice",)),
     "format": ('[output]\ngrid = "cgns"\n', ("line 16: [output] 'grid' is for grids of blocks; a mesh is written",)),

@@ -37,7 +37,7 @@ WRONG_CONDITIONS = {
     "condition; did you mean 'cruise'\\? the conditions are cruise, climb",
     "[constraints.cruise.CM_bending] -> [constraints.cruise]": r"line 30: \[constraints.cruise\] 'upper' names no "
     r"response; write \[constraints.cruise.CL\]",
-    "cruise.CM_bending] -> cruise.CM_bendin]": r"line 29: \[constraints.cruise\] 'CM_bendin' asks for 'CM_bendin', ",
+    "cruise.CM_bending] -> cruise.CM_bendin]": r"line 29: \[constraints.cruise\] 'CM_bendin' names 'CM_bendin', ",
     "climb.CL / cruise.CL -> clmb.CL / cruise.CL": r"line 33: .* there is no 'clmb.CL': 'clmb' is no condition",
     "climb.CL / cruise.CL -> climb.CD_entrpy": r"line 33: .* did you mean 'climb.CD_entropy'\?",
     'kind = "euler" -> kind = "lattice"': r"line 23: \[conditions.cruise\] 'CL_target' is for euler, which",

@@ -80,14 +80,14 @@ WRONG = {
     'kind = "lattice" -> kind = "rans"': "line 10: [flow] 'kind' is 'rans'; the flows are lattice, euler",
     'kind = "lattice" -> kind = "lattice"\nmach = 0.3': "line 11: [flow] 'mach' is no key; did you mean",
     'kind = "lattice" -> kind = "euler"\ntrim = true': "line 11: [flow] 'trim' needs a target lift; give CL_",
-    'of = "CD_induced" -> of = "CD_indcued"': "line 13: [objective] 'of' asks for 'CD_indcued', which does not exist; "
+    'of = "CD_induced" -> of = "CD_indcued"': "line 13: [objective] 'of' names 'CD_indcued', which does not exist; "
     "did you mean 'CD_induced'? there are CL,",
-    'of = "CD_induced" -> of = "CD_entropy"': "line 13: [objective] 'of' asks for 'CD_entropy', which does not exist "
+    'of = "CD_induced" -> of = "CD_entropy"': "line 13: [objective] 'of' names 'CD_entropy', which does not exist "
     'without another flow; take kind = "euler"',
-    'of = "CD_induced" -> of = "CD_induced + thickness"': "line 13: [objective] 'of' asks for 'thickness', which is ",
-    'of = "CD_induced" -> of = "sin(CD)"': "line 13: [objective] 'of' asks for 'sin(CD)'|is 'sin(CD)'",
+    'of = "CD_induced" -> of = "CD_induced + thickness"': "line 13: [objective] 'of' names 'thickness', which is ",
+    'of = "CD_induced" -> of = "sin(CD)"': "line 13: [objective] 'of' names 'sin(CD)'|is 'sin(CD)'",
     "equals = 0.22 -> equals = 0.22\nlower = 0.1": "line 15: [constraints] 'CL' has to have lower or upper or both, or",
-    "[constraints.CL] -> [constraints.CLL]": "line 15: [constraints] 'CLL' asks for 'CLL', which does not exist; did",
+    "[constraints.CL] -> [constraints.CLL]": "line 15: [constraints] 'CLL' names 'CLL', which does not exist; did",
     "max_iterations = 20 -> max_iterations = 0": "line 19: [driver] 'max_iterations' is 0; give a whole number",
     'max_iterations = 20 -> optimizer = "SLQSP"': "line 19: [driver] 'optimizer' is 'SLQSP', which is none; did you "
     "mean 'SLSQP'? those of SciPy are SLSQP, trust-constr",

@@ -88,7 +88,7 @@ def test_variables_and_measures_of_a_section_come_once_and_coefficients_are_thos
     assert not {"CD_induced", "CM_bending"} & set(names)
     page = (workplace / "out" / "report.html").read_text()
     for text in (printed, page):
-        assert "CL, CD and CM are those of a section, cl, cd and cm: per unit of span" in text
+        assert "CL, CD and CM are section coefficients, cl, cd and cm: per unit of span" in text
         assert "CD_induced" not in text
 
 

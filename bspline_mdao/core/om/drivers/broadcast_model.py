@@ -1,6 +1,6 @@
 """One optimizer for a model on several processes: the first process decides, and all run the model on its request.
 
-With an optimizer on every process, all would have to decide alike, although times differ, and round-off may.
+With an optimizer on every process, all would have to decide the same, although times differ, and round-off may.
 
 Theory: ``docs/parallel.rst``.
 """

@@ -103,7 +103,7 @@ def take_over(
         numbers = [int(name.rpartition("|")[2]) for name in names]
         connection.execute("DETACH earlier")
     except (sqlite3.Error, ValueError, TypeError, AttributeError) as error:
-        raise InputError(f"{earlier}: its cases cannot be taken over ({error}); begin anew") from None
+        raise InputError(f"{earlier}: its cases cannot be taken over ({error}); start again without them") from None
     return len(numbers), max(numbers, default=-1) + 1
 
 

@@ -257,7 +257,7 @@ class FlowGroup(Copied, om.Group):
         """Declare the options."""
         self.options.declare("flow", types=Callable, recordable=False, desc="makes the group that solves the flow")
         self.options.declare("n_nodes", types=int, desc="number of nodes of the grid")
-        self.options.declare("results", types=Mapping, desc="units of its outputs to hand on, by name")
+        self.options.declare("results", types=Mapping, desc="units of the outputs that it passes on, by name")
         self.options.declare("generation", default=None, desc="MPhys whose names are used")
         self.options.declare("warper", default=None, recordable=False, desc="moves the grid before the flow is solved")
         self.options.declare("n_loaded", default=None, desc="nodes of the surface that get forces")
