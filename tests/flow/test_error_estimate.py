@@ -154,7 +154,12 @@ def test_a_summary_has_the_estimates_beside_the_values(model, tmp_path):
     assert heads.split() == ["objective", "value", "lower", "upper", "finer", "grid", "+-"]
     assert next(row for row in rows if "fast.CL" in row).split()[2] == f"{summary.estimates['fast.CL'].finer:.6g}"
     summary.write_csv(tmp_path / "summary.csv")
-    assert (tmp_path / "summary.csv").read_text().splitlines()[0].endswith("lower,upper,finer,remaining,infeasible,at_bound")
+    assert (
+        (tmp_path / "summary.csv")
+        .read_text()
+        .splitlines()[0]
+        .endswith("lower,upper,finer,remaining,infeasible,at_bound")
+    )
 
 
 def test_a_summary_without_a_solution_has_its_values_and_a_warning(model):

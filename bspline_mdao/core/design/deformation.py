@@ -13,7 +13,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from itertools import combinations
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -24,7 +23,7 @@ from ..mesh.frame import Frame, Plane
 from ..mesh.moving_mesh import MovingMesh
 from ..movement.mover import PLANE_TOLERANCE
 from .hinge import RotatedPart, about_axis
-from .section_maps import rotation, scaling, shear
+from .section_maps import order_notes, rotation, scaling, shear
 
 __all__ = [
     "Bend",
@@ -57,12 +56,6 @@ _SMALL = 1e-2
 """Angle (rad) below which sin(a) / a and (1 - cos(a)) / a are computed from their series, which are accurate to
 round-off there and avoid division by zero."""
 
-SCALED_AFTER_TURN = (
-    "chord and thickness scale along fixed axes, so they change angles made before them; ask for them before twist, "
-    "pitch, bend and rotate to keep these"
-)
-"""Note on a deformation that turns sections first and scales them then."""
-
 
 @dataclass(frozen=True, eq=False)
 class Deformation(OneLine):
@@ -75,9 +68,7 @@ class Deformation(OneLine):
     def notes(self) -> tuple[str, ...]:
         """Lines in reports: from maps that know more than their amounts, and on an order that changes angles."""
         notes = tuple(point_map.note for point_map in self.maps if hasattr(point_map, "note"))
-        pairs = combinations(map(type, self.maps), 2)
-        is_late = any(before in TURNED.get(after, ()) for before, after in pairs)
-        return (*notes, SCALED_AFTER_TURN) if is_late else notes
+        return (*notes, *order_notes(self.maps))
 
     def apply(
         self,
@@ -199,6 +190,8 @@ class RotateSections(InFrame):
 
     # ``amount`` is the angle at the tip (rad), upstream end up positive.
 
+    turns = "stream", "normal"
+
     def _moved(
         self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -211,6 +204,8 @@ class Pitch(InFrame):
     """Rotate the whole surface about an axis along the span."""
 
     # ``amount`` is the angle (rad), upstream end up positive.
+
+    turns = "stream", "normal"
 
     at: float = 0.25  # position of the axis between the upstream (0) and downstream end (1) of the surface's box
 
@@ -227,6 +222,8 @@ class Bend(InFrame):
 
     # Sections stay perpendicular to the bent span, and lengths along the middle are preserved. ``amount`` is the angle
     # beyond the arc (rad), upwards positive.
+
+    turns = ("normal",)
 
     at: float = 0.7  # span fraction at which the arc begins
     length: float = 0.15  # length of the arc as a fraction of the span
@@ -258,6 +255,8 @@ class Stretch(InFrame):
 class ScaleChord(InFrame):
     """Scale lengths along the stream about the middle line; ``amount`` is the factor."""
 
+    scales = ("stream",)
+
     def _moved(
         self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -266,6 +265,8 @@ class ScaleChord(InFrame):
 
 class ScaleThickness(InFrame):
     """Scale lengths normal to stream and span about the middle line; ``amount`` is the factor."""
+
+    scales = ("normal",)
 
     def _moved(
         self, stream: np.ndarray, normal: np.ndarray, span: np.ndarray
@@ -295,6 +296,8 @@ class ShearUpwards(InFrame):
 class Rotate:
     """Rotate points about an axis by any angle; ``amount`` is the angle (rad), by the right-hand rule."""
 
+    turns = "stream", "normal"
+
     hinge: np.ndarray  # (2, 3), two points of the axis (m)
     amount: float
     part: RotatedPart  # what rotates, and by how much
@@ -302,13 +305,6 @@ class Rotate:
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Move points (n, 3), in metres."""
         return about_axis(points, self.hinge, self.amount * self.part.weights(points))
-
-
-TURNED: dict[type, tuple[type, ...]] = {
-    ScaleChord: (RotateSections, Pitch, Rotate),
-    ScaleThickness: (RotateSections, Pitch, Rotate, Bend),
-}
-"""Maps before which a scaling is to come, since they turn sections away from the axis along which it scales."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from ..mesh.moving_mesh import MovingMesh, require_mesh
 from .elimination import Elimination, eliminate
 from .hinge import Hinge
 from .junction import Junction, SlidingJunction
+from .section_maps import order_notes
 from .variable import AuxiliaryPoints, DesignMap, Layout, MapPartials, Variable, ones_like
 
 __all__ = ["Parametrization", "SurfacePartials"]
@@ -169,6 +170,11 @@ class Parametrization(OneLine):
             for step in self._partials(surface, self.initial)
         ]
         return self._chain(steps, matrix, self._identity + matrix)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on the order of the variables, such as a scaling that changes angles made before it."""
+        return order_notes(self.variables)
 
     def apply(self, initial: np.ndarray, values: Values) -> np.ndarray:
         """Move the surface control points.

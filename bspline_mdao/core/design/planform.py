@@ -131,6 +131,7 @@ class Twist(_InSections):
 
     units = "deg"
     unit = np.radians(1.0)
+    turns = "stream", "normal"
 
     _matrices = staticmethod(rotation)
 
@@ -171,6 +172,11 @@ class Chord(_InSections):
 
     scales_thickness: bool = field(default=True, kw_only=True)
 
+    @property
+    def scales(self) -> tuple[str, ...]:
+        """Direction of the baseline along which it scales; none if it scales all alike."""
+        return () if self.scales_thickness else ("stream",)
+
     def _matrices(self, amounts: np.ndarray) -> np.ndarray:
         return scaling(amounts, amounts if self.scales_thickness else 1.0)
 
@@ -210,6 +216,7 @@ class ThicknessFactor(_InSections):
     """
 
     neutral = 1.0
+    scales = ("normal",)
 
     def _matrices(self, amounts: np.ndarray) -> np.ndarray:
         return scaling(1.0, amounts)

@@ -72,6 +72,7 @@ class Rotation(OneLine):
     """
 
     units: ClassVar[str | None] = "deg"
+    turns: ClassVar[tuple[str, ...]] = ("stream", "normal")
 
     name: str
     hinge: Hinge

@@ -9,16 +9,45 @@ amount. Theory: ``docs/theory/parametrization.rst`` and ``docs/theory/deformatio
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from .variable import MapPartials, rates_of
 
-__all__ = ["SectionMap", "ShiftMap", "along_vectors", "rotation", "scaling", "shear"]
+__all__ = [
+    "SCALED_AFTER_TURN",
+    "SectionMap",
+    "ShiftMap",
+    "along_vectors",
+    "order_notes",
+    "rotation",
+    "scaling",
+    "shear",
+]
+
+SCALED_AFTER_TURN = (
+    "chord and thickness scale along fixed axes, so they change angles made before them; ask for them before twist, "
+    "pitch, bend and rotate to keep these"
+)
+"""Note on deformations or variables that turn sections first and scale them then."""
+
+
+def order_notes(
+    # deformations or variables in order of application; ``turns`` are directions of the baseline, "stream" or "normal",
+    # from which one turns sections away, ``scales`` those along which one scales them
+    steps: Iterable[object],
+) -> tuple[str, ...]:
+    """Say if an order changes angles."""
+    is_late = any(
+        set(getattr(before, "turns", ())) & set(getattr(after, "scales", ()))
+        for before, after in combinations(steps, 2)
+    )
+    return (SCALED_AFTER_TURN,) if is_late else ()
 
 
 def rotation(

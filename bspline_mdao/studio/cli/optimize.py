@@ -95,7 +95,7 @@ def optimize_study(
         with written_json(json, {"study": str(study), "folder": str(output), **numbers}, comm):
             pass
         optimum.show()
-        print_lines(list(map(str, cad)))
+        print_lines([*names["shape"].options["parametrization"].notes, *map(str, cad)])
         print_warnings([*optimum.warnings(), *(each.warning for each in cad if each.warning)])
         print_warnings([gain.warning for gain in _gains(names) if gain.warning])
         _print_outcome(folder, problem, numbers, names["after"].infeasible)

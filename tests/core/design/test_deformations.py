@@ -7,7 +7,6 @@ import pytest
 
 from bspline_mdao import InputError, find_topology, fit_grid, read_grid
 from bspline_mdao.core.design.deformation import (
-    SCALED_AFTER_TURN,
     Bend,
     Deformation,
     Pitch,
@@ -27,6 +26,7 @@ from bspline_mdao.core.design.deformation import (
 from bspline_mdao.core.design.hinge import NearestPart, RotatedPart
 from bspline_mdao.core.design.lattice_deformation import LatticeDeformation
 from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints, stream_warnings
+from bspline_mdao.core.design.section_maps import SCALED_AFTER_TURN
 from bspline_mdao.core.mesh.frame import Frame, Plane, mesh_planes, surface_frame
 from bspline_mdao.design import Lattice, parse_deformation
 from bspline_mdao.generators import onera_m6_grid
@@ -334,7 +334,16 @@ def test_a_surface_that_flies_backwards_is_warned_of_where_the_stream_matters(mo
         assert stream_warnings(parse_deformation(text, backwards, control), backwards) == ()
 
 
-@pytest.mark.parametrize("turn", ["twist=5", "pitch=5", "bend=40@0.6", "rotate=5@hinge(0.5,0,0 -> 0.5,0,1),patches=*"])
+@pytest.mark.parametrize(
+    "turn",
+    [
+        "twist=5",
+        "pitch=5",
+        "bend=40@0.6",
+        "rotate=5@hinge(0.5,0,0 -> 0.5,0,1),patches=*",
+        "rotate=5@chord 0.7,blend=0.05",
+    ],
+)
 def test_a_scaling_after_a_turn_changes_its_angle_and_is_noted(model, mesh, turn):
     late = parse_deformation(["stretch=1.1", turn, "sweep=2", "thickness=1.1"], model, mesh)
     assert late.notes == (SCALED_AFTER_TURN,)

@@ -5,14 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, fit_grid
+from bspline_mdao import DesignSurface, InputError, fit_grid
+from bspline_mdao.core.design.hinge import Hinge
 from bspline_mdao.core.design.lattice import Lattice
 from bspline_mdao.core.design.parametrization import Parametrization
 from bspline_mdao.core.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
 from bspline_mdao.core.design.reference_axis import ReferenceAxis, StationSpline, chord_lines
+from bspline_mdao.core.design.rotation import Rotation
+from bspline_mdao.core.design.section_maps import SCALED_AFTER_TURN
 from bspline_mdao.core.design.variable import Layout
 from bspline_mdao.core.mesh.moving_mesh import MovingMesh
-from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
 from bspline_mdao.measures import SurfaceGrid
 from bspline_mdao.movers import moving_mesh
 
@@ -29,6 +32,39 @@ KINDS = {
     "sweep": lambda axis: Sweep("v", axis, stations=4),
     "dihedral": lambda axis: Dihedral("v", axis, stations=2),
 }
+
+
+SCALINGS = {
+    "thickness": (lambda axis: ThicknessFactor("scale", axis), 1.1),
+    "chord alone": (lambda axis: Chord("scale", axis, scales_thickness=False), 1.1),
+    "chord": (lambda axis: Chord("scale", axis), 1.0),
+}
+
+
+@pytest.mark.parametrize("scaling", SCALINGS)
+def test_a_scaling_after_a_twist_changes_its_angle_and_is_noted_as_of_deformations(scaling):
+    wing = DesignSurface.of(fit_grid(flat_plate_grid((7, 7, 5))))
+    (make, steeper), factor = SCALINGS[scaling], 1.0 / 1.1 if "chord" in scaling else 1.1
+    points = wing.mesh.points[wing.mesh.surface_ids]
+    twist, scale = Twist("twist", wing.axis), make(wing.axis)
+    values = {"twist": np.array([5.0]), "scale": np.array([factor])}
+
+    def slope(*variables):
+        moved = Parametrization(wing.mesh, variables).apply(points, values)
+        first, last = (moved[np.argmin(moved[:, 0])], moved[np.argmax(moved[:, 0])])
+        return (first - last)[1] / (last - first)[0]
+
+    assert slope(scale, twist) == pytest.approx(np.tan(np.radians(5.0)), rel=1e-9)
+    assert slope(twist, scale) == pytest.approx(steeper * np.tan(np.radians(5.0)), rel=1e-9)
+    assert Parametrization(wing.mesh, [scale, twist]).notes == ()
+    assert Parametrization(wing.mesh, [twist, scale]).notes == (() if scaling == "chord" else (SCALED_AFTER_TURN,))
+
+
+def test_a_thickness_after_a_flap_is_noted():
+    wing = DesignSurface.of(fit_grid(flat_plate_grid((7, 7, 5))))
+    flap, thickness = Rotation("flap", Hinge.on_chord(wing.mesh, 0.75), blend=0.1), ThicknessFactor("t", wing.axis)
+    assert wing.parametrization([flap, thickness]).notes == (SCALED_AFTER_TURN,)
+    assert wing.parametrization([thickness, flap]).notes == ()
 
 
 @pytest.fixture(scope="module")

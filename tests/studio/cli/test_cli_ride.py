@@ -11,7 +11,7 @@ from sliding_cases import surface_of
 from test_cli import fails_as_expected, numbers
 
 from bspline_mdao import GridEvaluate, fit_grid
-from bspline_mdao.core.design.deformation import SCALED_AFTER_TURN
+from bspline_mdao.core.design.section_maps import SCALED_AFTER_TURN
 from bspline_mdao.files import read_mesh
 from bspline_mdao.movers import moving_mesh
 from bspline_mdao.studio.cli.main import run

@@ -12,6 +12,7 @@ import openmdao.api as om
 import pytest
 
 from bspline_mdao import fit_grid, read_grid, write_grid
+from bspline_mdao.core.design.section_maps import SCALED_AFTER_TURN
 from bspline_mdao.core.om.drivers import nlopt_driver
 from bspline_mdao.generators import ball_grid, onera_m6_grid
 from bspline_mdao.grids.io.run_folder import MANIFEST
@@ -353,10 +354,11 @@ grid = "vtm"
 """
 
 
-def test_every_kind_of_variable_measure_and_constraint_works_together(workplace):
+def test_every_kind_of_variable_measure_and_constraint_works_together(workplace, capsys):
     pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
     Path("all.toml").write_text(EVERYTHING)
     assert run(["optimize", "all.toml", "-o", "out"]) == 0
+    assert capsys.readouterr().out.splitlines().count(SCALED_AFTER_TURN) == 1  # thick comes after twist
     assert {"grid_before.vtm", "grid_after.vtm"} <= names_in("out")
     found = summary("out")
     assert float(found["objective_value"]["after"]) > float(found["objective_value"]["before"])
