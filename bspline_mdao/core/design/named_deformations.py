@@ -19,7 +19,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..cad.tied_surface import body_of_file, require_on_faces
-from ..measures.blunt_end import is_blunt_downstream, stream_axis
+from ..measures.blunt_end import why_backwards
 from ..measures.edge_cuts import cut_edges, edges_of_quads
 from ..mesh.control_net import surface_quads
 from ..mesh.frame import Frame, Plane, mesh_planes, surface_frame
@@ -133,13 +133,8 @@ def stream_warnings(deformation: Deformation, model: Any) -> tuple[str, ...]:
     if not any(isinstance(point_map, _STREAMWISE) for point_map in deformation.maps):
         return ()
     walls = SurfaceGrid.of(model, designed_patches(model, deformation.mesh) or None)
-    frame = surface_frame(walls.points, walls.planes)
-    if not is_blunt_downstream(walls.points, walls.quads, frame):
-        return ()
-    return (
-        f"the stream is taken to run along +{stream_axis(frame)}, and the downstream end of the sections is the blunt "
-        f"one; turn the mesh, or change the signs of twist, pitch and sweep",
-    )
+    why = why_backwards(walls.points, walls.quads, surface_frame(walls.points, walls.planes))
+    return (f"{why}; turn the mesh, or change the signs of twist, pitch and sweep",) if why else ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from ..mesh.frame import Frame
 from .edge_cuts import cut_edges, edges_of_quads
 
-__all__ = ["is_blunt_downstream", "stream_axis"]
+__all__ = ["is_blunt_downstream", "why_backwards"]
 
 STATIONS = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Fractions of the span at which sections are compared: away from a fuselage and from the tip."""
@@ -58,9 +58,12 @@ def is_blunt_downstream(
     return 2 * sum(found) > len(found)
 
 
-def stream_axis(frame: Frame) -> str:
-    """Name of the coordinate axis along which a frame takes the stream to run."""
-    return "xyz"[int(np.argmax(np.abs(frame.axes[0])))]
+def why_backwards(points: np.ndarray, quads: np.ndarray, frame: Frame) -> str:
+    """Say why a surface seems to lie the other way round, see `is_blunt_downstream`; empty if it does not."""
+    if not is_blunt_downstream(points, quads, frame):
+        return ""
+    axis = "xyz"[int(np.argmax(np.abs(frame.axes[0])))]
+    return f"the stream is taken to run along +{axis}, and the downstream end of the sections is the blunt one"
 
 
 def _thickness(triangles: np.ndarray, stream: float, span: float) -> float:

@@ -240,9 +240,8 @@ def _condition(name: str, mach: float, more: list[str], summed: str) -> Iterator
 
 def _axes(body: Body) -> Iterator[str]:
     """Axes, and whether the grid seems to lie the other way round."""
-    if body.axes and body.is_backwards:
-        where = f"along +{body.axes[0]}, and the downstream end of the sections is the blunt one"
-        yield f"# the stream is taken to run {where}:"
+    if body.axes and body.why_backwards:
+        yield f"# {body.why_backwards}:"
         yield "# turn the grid by 180 degrees first"
     yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
 

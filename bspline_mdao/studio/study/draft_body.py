@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.background.mesh_model import MeshModel
 from ...core.measures.area import ProjectedArea
-from ...core.measures.blunt_end import is_blunt_downstream
+from ...core.measures.blunt_end import why_backwards
 from ...core.measures.section_thickness import SectionThickness
 from ...core.measures.volume import EnclosedVolume
 from ...core.mesh.boundary import wall_patches
@@ -93,9 +93,9 @@ class Body(ABC):
         return "".join("xyz"[axis] for axis in np.abs(directions).argmax(axis=1))
 
     @cached_property
-    def is_backwards(self) -> bool:
-        """Whether the end of its sections that is taken for the downstream one is the blunt one."""
-        return is_blunt_downstream(self.surface.points, self.surface.quads, self.frame)
+    def why_backwards(self) -> str:
+        """Why the grid seems to lie the other way round; empty if it does not."""
+        return why_backwards(self.surface.points, self.surface.quads, self.frame)
 
     @cached_property
     def why_no_lattice(self) -> str:

@@ -7,8 +7,10 @@ import pytest
 from study_cases import study_of
 
 from bspline_mdao import DesignSurface, InputError, LatticeFlow, fit_grid
+from bspline_mdao.core.design.named_deformations import parse_deformation, stream_warnings
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
+from bspline_mdao.movers import moving_mesh
 from bspline_mdao.studio.study import draft_body
 from bspline_mdao.studio.study.draft import study_draft
 from bspline_mdao.studio.study.draft_body import GridBody
@@ -58,6 +60,10 @@ def test_a_draft_says_if_the_wing_seems_to_fly_backwards(grid):
     texts = [study_draft("wing.xyz", None, GridBody(g, find_topology(g))) for g in (grid, replace(grid, blocks=blocks))]
     said = "# the stream is taken to run along +x, and the downstream end of the sections is the blunt one:\n# turn the"
     assert [said in text for text in texts] == [False, True]
+    model = fit_grid(replace(grid, blocks=blocks))
+    (warning,) = stream_warnings(parse_deformation("twist=5", model, moving_mesh(model)), model)
+    (line,) = [line for line in texts[1].splitlines() if "the blunt one" in line]
+    assert warning.startswith(f"{line.removeprefix('# ').removesuffix(':')}; ")  # as move says
 
 
 def test_without_openaerostruct_the_lift_is_an_estimate_to_be_set(grid, tmp_path, monkeypatch):
