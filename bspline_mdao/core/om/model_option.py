@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ from openmdao.utils.options_dictionary import OptionsDictionary
 from ..model.movable import Movable
 from .option_signature import IN_RECORDS, OptionSignature
 
-__all__ = ["Copied", "NamedModel", "declare_model", "named_model"]
+__all__ = ["Copied", "NamedModel", "declare_model", "length_units", "named_model", "systems_at"]
 
 
 class NamedModel(NamedTuple):
@@ -20,6 +21,24 @@ class NamedModel(NamedTuple):
 
     checksum: str  # checksum of the model
     file: str  # file it was saved to or loaded from before the run; empty if neither
+
+
+def systems_at(
+    source: str,  # absolute name of an output
+    inputs: Iterable[tuple[str, str]],  # absolute names of inputs, and the outputs they are connected to
+    systems: Iterable[str],  # names of systems
+) -> Iterator[str]:
+    """Names of the systems that have an output, or an input connected to it, in the order given."""
+    ends = [source, *(end for end, of in inputs if of == source)]
+    return (name for name in systems if any(end.startswith(f"{name}." if name else "") for end in ends))
+
+
+def length_units(
+    units: str,  # units of a variable of a system with a model
+    unit: str,  # unit of the model's lengths
+) -> str:
+    """Units of a variable in those of its grid: components count lengths of any grid in metres."""
+    return re.sub(r"^m(?=$|\*\*[23]$)", unit, units)
 
 
 class _InRecords:

@@ -155,7 +155,7 @@ class BlockSubject(Subject):
         last = reports[-1]
         card = "smallest Q", number(last.q_min, 3), f"{last.n_inverted:,} of {last.n_cells:,} cells inverted"
         marks = [[_mark(cell) for cell in report.worst] for report in reports]
-        tables = [quality_table(shapes, reports)]
+        tables = [quality_table(shapes, reports, self.unit)]
         if self.heights is not None:
             tables.append(worst_table(shapes[-1], last.worst, self.unit))
         return Judgement(card, marks, [quality_chart(shapes, reports)], tables)

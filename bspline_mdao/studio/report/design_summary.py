@@ -14,6 +14,7 @@ from ...base.display import OneLine
 from ...base.text import value_names
 from ...core.model.movable import Movable
 from ...core.om.drivers.violations import TOLERATED, Violation, in_words, violations_of
+from ...core.om.model_option import length_units, systems_at
 from ...errors import InputError
 from ...flow.euler.error_estimate import ErrorEstimate
 from ...flow.functionals import OF_SECTION, numbers
@@ -379,13 +380,11 @@ def _name(meta: dict) -> str:
 
 def _length_unit(problem: om.Problem, source: str) -> str:
     """Unit of the grid that a variable moves, or a response is of: components count lengths of any grid in metres."""
-    ends = [source, *(end for end, of in problem.model._conn_global_abs_in2out.items() if of == source)]
-    for system in problem.model.system_iter(include_self=True, recurse=True):
-        inside = f"{system.pathname}." if system.pathname else ""
-        if "model" in system.options and any(end.startswith(inside) for end in ends):
-            model = system.options["model"]
-            return model.length_unit if isinstance(model, Movable) else "m"
-    return "m"
+    systems = problem.model.system_iter(include_self=True, recurse=True)
+    models = {system.pathname: system.options["model"] for system in systems if "model" in system.options}
+    name = next(systems_at(source, problem.model._conn_global_abs_in2out.items(), models), None)
+    model = None if name is None else models[name]
+    return model.length_unit if isinstance(model, Movable) else "m"
 
 
 def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool, length_unit: str) -> SummaryEntry:
@@ -401,7 +400,7 @@ def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool, length_un
         return np.where(np.abs(bound) < _UNBOUNDED, bound, np.nan)
 
     name, indices, units = _name(meta), meta.get("indices"), meta.get("units") or ""
-    units = length_unit if units == "m" else units
+    units = length_units(units, length_unit)
     names = value_names(name, values.size, None if indices is None else indices.shaped_array(flat=True))
     scaler = meta.get("total_scaler")
     unit = np.ones(()) if scaler is None else 1.0 / np.abs(scaler)

@@ -176,7 +176,8 @@ def with_model(contents: Contents, model: Movable, slides: Sequence[Slide] = ())
         return contents.without(NO_MODEL)
     subject = subject_of(model, slides)
     shapes, missing = shapes_of(subject, contents.history)
-    return replace(contents.without(*missing), subject=subject, shapes=shapes)
+    history = contents.history and contents.history.in_length_unit(subject.unit)
+    return replace(contents.without(*missing), subject=subject, shapes=shapes, history=history)
 
 
 def write_contents(path: str | os.PathLike, contents: Contents, most_triangles: int = MOST_TRIANGLES) -> dict[str, Any]:
@@ -244,7 +245,8 @@ def _of_grid(contents: Contents, subject: Subject, most_triangles: int) -> tuple
     axes = axes_of(subject, points, contents.history.options if contents.history else {})
     traces, colors = space_traces(shapes, subject, axes, walls, judgement.marks)
     layers = {trace["meta"]["layer"] for trace in traces}
-    layout = {"scene": {"camera": camera(axes, points, "symmetry" in layers), "aspectmode": "data"}}
+    titles = {f"{name}axis": {"title": {"text": f"{name} ({axes.unit})"}} for name in "xyz"}
+    layout = {"scene": {"camera": camera(axes, points, "symmetry" in layers), "aspectmode": "data", **titles}}
     numbers = {
         "triangles": walls.n_triangles,
         "of_all": walls.n_of_all,

@@ -64,7 +64,7 @@ def space_traces(
     if len(shapes) > 1:
         for shape, of_shape in zip(shapes, values):
             ways = np.linalg.norm((shape.nodes - shapes[0].nodes)[walls.rows], axis=1)
-            of_shape["displacement"] = _Field("Displacement (m)", ways)
+            of_shape["displacement"] = _Field(f"Displacement ({axes.unit})", ways)
     for of_shape in values:
         colors |= {key: painted.name for key, painted in of_shape.items()}
     colored = {key: _coloring([v[key] for v in values if key in v]) for key in colors if key != "plain"}

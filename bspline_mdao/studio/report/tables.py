@@ -57,14 +57,14 @@ def number(value: float, digits: int = 4) -> str:
     return f"{value:.{digits}g}"
 
 
-def quality_table(shapes: Sequence[Shape], reports: Sequence[QualityReport]) -> Table:
+def quality_table(shapes: Sequence[Shape], reports: Sequence[QualityReport], unit: str) -> Table:
     """Extremes of the cells."""
     rows = [
         ("smallest Q", [number(r.q_min) for r in reports]),
         ("mean Q", [number(r.q_mean) for r in reports]),
         ("smallest corner triple product", [number(r.min_corner) for r in reports]),
         ("smallest corner Jacobian", [number(r.min_jacobian) for r in reports]),
-        ("smallest volume (m³)", [number(r.min_volume) for r in reports]),
+        (f"smallest volume ({unit}³)", [number(r.min_volume) for r in reports]),
         ("inverted cells", [f"{r.n_inverted:,} of {r.n_cells:,}" for r in reports]),
     ]
     note = (

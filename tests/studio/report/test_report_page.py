@@ -11,11 +11,14 @@ import openmdao.api as om
 import pytest
 from report_cases import recorded_wing, small_model, twisted_wing
 
-from bspline_mdao import FittedModel, fit_grid, optimality_of, write_report
+from bspline_mdao import FittedModel, GridMovement, design_summary, fit_grid, optimality_of, write_report
 from bspline_mdao.core.om.drivers.case_history import read_history
+from bspline_mdao.design import Parametrization, Translation
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.error_estimate import ErrorEstimate
 from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.grids.topology.length_unit import in_unit
+from bspline_mdao.movers import moving_mesh
 from bspline_mdao.plotting import faces_around, wall_quads
 from bspline_mdao.studio.cli.main import run
 from bspline_mdao.studio.plotting.cuts import cut
@@ -164,6 +167,35 @@ def test_a_grid_without_patches_is_drawn_as_its_boundary(tmp_path):
 
 
 @pytest.mark.slow
+def test_lengths_of_the_grid_are_in_its_unit_everywhere_on_the_page_and_other_lengths_in_their_own(tmp_path):
+    model = fit_grid(in_unit(onera_m6_grid((5, 5, 5)), "mm"))
+    problem = om.Problem(driver=om.ScipyOptimizeDriver(optimizer="SLSQP", maxiter=2, disp=False), reports=None)
+    variables = Parametrization(moving_mesh(model), [Translation("place", "y")])
+    shape = GridMovement(model=model, parametrization=variables, quality=["corner_ks"])
+    problem.model.add_subsystem("shape", shape, promotes=["*"])
+    spar = om.ExecComp("f = (t - 1)**2 + (place - 0.1)**2", t={"units": "m"}, place={"units": "m"})
+    problem.model.add_subsystem("spar", spar, promotes=["*"])
+    problem.model.set_input_defaults("place", 0.0, units="m")
+    problem.model.set_input_defaults("t", 2.0, units="m")
+    problem.model.add_design_var("place", lower=-1.0, upper=1.0, units="m")
+    problem.model.add_design_var("t", lower=0.0, upper=3.0, units="m")
+    problem.model.add_objective("f")
+    problem.setup()
+    problem.driver.add_recorder(om.SqliteRecorder(tmp_path / "a.sql"))
+    problem.driver.recording_options["includes"] = ["control_points"]
+    problem.run_driver()
+    problem.cleanup()
+    write_report(tmp_path / "a.html", tmp_path / "a.sql", model)
+    page = Page((tmp_path / "a.html").read_text())
+    rows = dict(re.findall(r" (place|t) [-\d. e]+ (?:no|upper|lower) (\S+)", page.text))
+    assert rows == {"place": "mm", "t": "m"} == {e.name: e.units for e in design_summary(problem).entries[1:]}
+    for words in ("smallest volume (mm³)", "Displacement (mm)"):
+        assert words in page.text
+    for number, title in ((100, "place (mm)"), (101, "t (m)")):
+        assert page.charts[f"history{number}"]["layout"]["yaxis"]["title"]["text"] == title
+    assert page.charts["space"]["layout"]["scene"]["xaxis"]["title"]["text"] == "x (mm)"
+
+
 def test_what_is_missing_is_said_and_the_advice_is_right(tmp_path):
     model = small_model()  # other tests save theirs, and its file is found
     file = recorded_wing(tmp_path, model, includes=(), record_derivatives=False)

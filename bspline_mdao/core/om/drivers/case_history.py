@@ -9,8 +9,8 @@ Theory: ``docs/theory/drivers.rst``, "How a run ends".
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +20,8 @@ from openmdao.recorders.case import Case
 
 from ....base.text import value_names
 from ....errors import InputError
+from ..model_option import length_units, systems_at
+from ..option_signature import IN_RECORDS
 from .nlopt_problem import Limits, Point, Statement
 from .optimality import optimality
 from .sound_cases import sound_cases
@@ -66,6 +68,7 @@ class Quantity:
     values: np.ndarray  # (n, size), values of all evaluations in units of the model
     # names of the values, such as ``twist[2]``, indexed as in the model's variable
     value_names: tuple[str, ...]
+    is_of_grid: bool  # whether it enters or leaves a system with a model, whose lengths are in the unit of the grid
 
     def scaled(self, values: np.ndarray) -> np.ndarray:
         """Values, or limits, as the driver sees them."""
@@ -116,6 +119,11 @@ class CaseHistory:
         """Describe which limits an evaluation violates and by how much; empty if it satisfies all."""
         return in_words([each for quantity in self.quantities for each in quantity.violations(number, tolerance)])
 
+    def in_length_unit(self, unit: str) -> CaseHistory:
+        """Write the unit of a grid next to lengths of the grid, which components count in metres."""
+        quantities = (replace(q, units=length_units(q.units, unit)) if q.is_of_grid else q for q in self.quantities)
+        return replace(self, quantities=tuple(quantities))
+
     def statement(self) -> Statement:
         """Bounds and constraints as the driver sees them."""
         return _statement(self.quantities)
@@ -158,8 +166,13 @@ def _history(reader: BaseCaseReader, names: list[str], options: Mapping[str, Map
     cases = every[n_others:]
     settings = (reader.problem_metadata or {}).get("variables", {})
     version = tuple(int(part) for part in reader.openmdao_version.split(".")[:2])
-    outputs = reader._abs2meta  # OpenMDAO has no public name for the sizes of unrecorded variables
-    quantities = _quantities(cases[0], rows[n_others:], settings, outputs, is_scaled=version < (3, 44))
+    outputs, inputs = reader._abs2meta, reader._conns.items()  # OpenMDAO has no public names for these
+    systems = ["" if name == "root" else name for name, own in options.items() if own.get(IN_RECORDS)]
+
+    def is_of_grid(source: str) -> bool:
+        return next(systems_at(source, inputs, systems), None) is not None
+
+    quantities = _quantities(cases[0], rows[n_others:], settings, outputs, is_of_grid, is_scaled=version < (3, 44))
     convergence = _convergence(quantities, cases)
     stamps = np.array([case.timestamp for case in cases])
     has_run = np.array([bool(case.success) for case in cases])
@@ -185,7 +198,12 @@ def _n_others(rows: list[dict[str, dict]]) -> int:
 
 
 def _quantities(
-    case: Case, rows: list[dict[str, dict]], settings: Mapping[str, dict], outputs: Mapping[str, dict], is_scaled: bool
+    case: Case,
+    rows: list[dict[str, dict]],
+    settings: Mapping[str, dict],
+    outputs: Mapping[str, dict],
+    is_of_grid: Callable[[str], bool],
+    is_scaled: bool,
 ) -> tuple[Quantity, ...]:
     """Design variables, objectives and constraints; limits are scaled in files of older versions of OpenMDAO."""
     metas = case.list_outputs(explicit=True, implicit=True, val=False, units=True, desc=True, out_stream=None)
@@ -199,7 +217,8 @@ def _quantities(
             if places is not None:  # some count from the end
                 places = [place % outputs[meta["source"]]["global_size"] for place in places]
             names = value_names(name, values.shape[1], places)
-            found.append(_quantity(name, kind, values, names, meta, about, is_scaled))
+            of_grid = is_of_grid(meta.get("source", name))
+            found.append(_quantity(name, kind, values, names, meta, about, of_grid, is_scaled))
     return tuple(found)
 
 
@@ -210,6 +229,7 @@ def _quantity(
     names: tuple[str, ...],
     meta: Mapping[str, Any],
     about: Mapping[str, Any],
+    is_of_grid: bool,
     is_scaled: bool,
 ) -> Quantity:
     """One quantity from its values and its metadata in the file."""
@@ -227,7 +247,7 @@ def _quantity(
         lower, upper, equals = (limit / scaler - adder for limit in (lower, upper, equals))
         lower, upper = np.minimum(lower, upper), np.maximum(lower, upper)
     units, text = str(meta.get("units") or about.get("units") or ""), str(about.get("desc") or "")
-    return Quantity(name, kind, units, text, lower, upper, equals, scaler, adder, values, names)
+    return Quantity(name, kind, units, text, lower, upper, equals, scaler, adder, values, names, is_of_grid)
 
 
 def _convergence(quantities: tuple[Quantity, ...], cases: list[Case]) -> Convergence | None:
