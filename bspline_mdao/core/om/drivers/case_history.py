@@ -167,7 +167,7 @@ def _history(reader: BaseCaseReader, names: list[str], options: Mapping[str, Map
     settings = (reader.problem_metadata or {}).get("variables", {})
     version = tuple(int(part) for part in reader.openmdao_version.split(".")[:2])
     outputs, inputs = reader._abs2meta, reader._conns.items()  # OpenMDAO has no public names for these
-    systems = ["" if name == "root" else name for name, own in options.items() if own.get(IN_RECORDS)]
+    systems = ["" if name == "root" else name for name, found in options.items() if found.get(IN_RECORDS)]
 
     def is_of_grid(source: str) -> bool:
         return next(systems_at(source, inputs, systems), None) is not None
