@@ -156,6 +156,24 @@ def test_totals_of_nothing_are_refused():
         total_difference(problem, [], {"x": np.ones(5)})
 
 
+def test_derivatives_that_vanish_by_symmetry_are_refused_and_not_compared_with_round_off():
+    problem = om.Problem(reports=None)
+    problem.model.add_subsystem("hill", om.ExecComp("y = 3 + cos(x)"), promotes=["*"])
+    problem.model.add_design_var("x", ref=2.0)
+    problem.model.add_objective("y")
+    problem.setup()
+    problem.set_val("x", np.pi)
+    problem.run_model()
+    assert 0.0 < abs(problem.compute_totals()["y", "x"].item()) < 1e-15
+    for step in (1e-3, 0.4):
+        with pytest.raises(InputError, match=r"'y' does not depend .* round-off; .* perturb_design"):
+            check_totals(problem, step=step)
+    assert check_totals(perturb_design(problem), step=0.1).differences < 1e-9
+    problem.set_val("x", np.pi + 1e-3)  # small derivatives are compared
+    problem.run_model()
+    assert check_totals(problem, step=0.1).differences < 1e-9
+
+
 def test_a_perturbed_design_moves_by_parts_of_its_units():
     problem = cubes()
     moved = perturb_design(problem, size=0.5).get_val("x") - np.linspace(0.5, 1.5, 5)
