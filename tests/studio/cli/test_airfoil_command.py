@@ -131,6 +131,13 @@ def test_one_side_of_a_file_is_mirrored_by_an_option(said):
     np.testing.assert_allclose(nodes[:, 1], -nodes[::-1, 1], atol=1e-9)
 
 
+def test_help_says_what_an_airfoil_is_which_need_a_file_and_how_long_its_chord_becomes(said):
+    words = " ".join(said("--help").split())
+    assert "four or five NACA digits" in words
+    assert "a file of points in Selig or Lednicer order, or two plain columns, in any unit: it is scaled to" in words
+    assert "such as the NACA 6-series, need such a file" in words
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
