@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
-from page_pictures import IDEAS, draw_pictures, in_plane
+from page_pictures import IDEAS, bare_panels, draw_pictures, in_plane, turned
 
 import bspline_mdao as bm
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_net
@@ -24,32 +24,14 @@ VIEW = np.array([[0.80, 0.0, 0.42], [-0.28, 0.92, 0.50]])
 """Directions on paper, to the right and up, of stream, normal and span: from above, behind and outboard."""
 
 
-def panels(drawing, titles: tuple[str, ...], n_rows: int = 1, **limits):
-    """Panels with titles, without axes, with equal scales."""
-    row = drawing.subplots(n_rows, len(titles) // n_rows, squeeze=False).ravel()
-    for axes, title in zip(row, titles):
-        axes.set_title(title, fontsize=9)
-        axes.set(aspect="equal", **limits)
-        axes.set_axis_off()
-    return row
-
-
 def section_model(n_around: int, n_off: int, n_control: tuple[int, int, int], **options) -> bm.FittedModel:
     """Fit an O-grid about a section."""
     return bm.fit_grid(bm.generators.airfoil_grid("naca0012", n_around, n_off, **options), n_control=n_control)
 
 
-def pitched(surface: np.ndarray, degrees: float) -> np.ndarray:
-    """Turn points of a section about the middle of its chord."""
-    angle = np.radians(-degrees)
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
-    about = np.array([0.5, 0.0, 0.0])
-    return (surface - about) @ turn.T + about
-
-
 def asked_walls(drawing) -> None:
     """A wall that no control point can follow, and the grid that meets it."""
-    before, after = panels(
+    before, after = bare_panels(
         drawing,
         ("control points miss the given wall", "the grid with the mismatch added"),
         xlim=(0.25, 0.75),
@@ -80,7 +62,7 @@ def deformations(drawing) -> None:
     mesh = bm.movers.moving_mesh(model)
     baseline = mesh.points[mesh.surface_ids]
     faces = [mesh.surface_rows[ids.take(end, axis=d)] for ids in mesh.blocks for d in range(3) for end in (0, -1)]
-    for axes, text in zip(panels(drawing, texts, n_rows=2, xlim=(-0.05, 2.3), ylim=(-0.35, 0.95)), texts):
+    for axes, text in zip(bare_panels(drawing, texts, n_rows=2, xlim=(-0.05, 2.3), ylim=(-0.35, 0.95)), texts):
         moved = bm.design.parse_deformation(text, model, mesh).apply(baseline)
         for points, color, width in ((baseline, PALE, 0.5), (moved, BLUE, 0.6)):
             for face in faces:
@@ -92,10 +74,10 @@ def elasticity(drawing) -> None:
     """A section that turns, in one increment and in several."""
     numbers = 1, 2, 5
     titles = ("before", *(f"75 degrees, {n} increment{'s' if n > 1 else ''}" for n in numbers))
-    row = panels(drawing, titles, xlim=(-0.1, 1.1), ylim=(-0.72, 0.72))
+    row = bare_panels(drawing, titles, xlim=(-0.1, 1.1), ylim=(-0.72, 0.72))
     model = section_model(48, 24, (17, 9, 2))
     mesh = bm.movers.moving_mesh(model)
-    surface = pitched(mesh.points[mesh.surface_ids], 75.0)
+    surface = turned(mesh.points[mesh.surface_ids], np.radians(75.0))
     moved = (bm.movers.LinearElasticity(mesh, n_increments=n).move(mesh.points, surface).points for n in numbers)
     for axes, points, color in zip(row, (model.control_points, *moved), (GRAY, BLUE, BLUE, BLUE)):
         draw_net(axes, in_plane(model.regenerate(points).blocks[0]), color=color, linewidth=0.5)
@@ -162,7 +144,7 @@ def far_field(drawing) -> None:
 
 def fit(drawing) -> None:
     """Parameters, nodes and control points of one block."""
-    square, nodes, control = panels(
+    square, nodes, control = bare_panels(
         drawing, ("parameters of the nodes", "nodes of the block", "control points of the spline")
     )
     model = section_model(56, 16, (15, 6, 2), far=3.0)
@@ -183,7 +165,7 @@ def fit(drawing) -> None:
 
 def free_form(drawing) -> None:
     """A box around a section, and what moves with its points."""
-    row = panels(
+    row = bare_panels(
         drawing,
         ("a box of control points", "its points move, and the section with them", "a box over the aft part alone"),
         xlim=(-0.13, 1.17),
@@ -223,7 +205,7 @@ def free_form(drawing) -> None:
 
 def linear_constraints(drawing) -> None:
     """A ball whose sides move, with and without one tangent plane across the seams."""
-    row = panels(drawing, ("a ball of six sides", "sides move, seams stay", "seams follow: TangentContinuity"))
+    row = bare_panels(drawing, ("a ball of six sides", "sides move, seams stay", "seams follow: TangentContinuity"))
     model = bm.fit_grid(bm.generators.ball_grid((33, 33, 33, 5)), n_control=(7, 7, 4))
     mesh = bm.movers.moving_mesh(model)
     points = model.control_points.copy()
@@ -264,7 +246,7 @@ def linear_constraints(drawing) -> None:
 
 def ride(drawing) -> None:
     """Triangles that move with the volumes of a coarse grid."""
-    before, after = panels(
+    before, after = bare_panels(
         drawing,
         ("a control mesh, and a mesh of triangles", "the control mesh moves, and the triangles with it"),
         xlim=(-0.3, 1.3),
@@ -289,9 +271,9 @@ def ride(drawing) -> None:
         path.write_text("\n".join([*text, ""]))
         mesh = bm.meshes.EmbeddedMesh.of(model, bm.files.read_mesh(path, bm.meshes.section_span(model)).mesh)
     control = bm.movers.moving_mesh(model)
-    surface = pitched(control.points[control.surface_ids], 20.0)
+    surface = turned(control.points[control.surface_ids], np.radians(20.0))
     moved = bm.movers.LinearElasticity(control).move(control.points, surface).points
-    wall = pitched(mesh.walls.initial, 20.0)
+    wall = turned(mesh.walls.initial, np.radians(20.0))
     states = (model.control_points, mesh.mesh.points), (moved, mesh.at(moved, wall).nodes)
     edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
     for axes, (points, places) in zip((before, after), states):

@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from page_pictures import IDEAS, bare, chosen
+from page_pictures import IDEAS, bare, chosen, turned
 from scipy.spatial import Delaunay
 
 import bspline_mdao as bm
@@ -19,14 +19,6 @@ from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, draw_net, figure
 
 PITCH = np.deg2rad(90.0)
 """Angle by which the section turns, nose up: large enough for a linear solid to distort."""
-
-
-def turned(points: np.ndarray, angle: float, about: tuple[float, float] = (0.5, 0.0)) -> np.ndarray:
-    """Rotate points in the plane of x and y clockwise."""
-    moved, cos, sin = points.copy(), np.cos(angle), np.sin(angle)
-    x, y = points[..., 0] - about[0], points[..., 1] - about[1]
-    moved[..., 0], moved[..., 1] = about[0] + cos * x + sin * y, about[1] - sin * x + cos * y
-    return moved
 
 
 def pitching(movers: dict, angle: float, **spacing):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import openmdao.api as om
-from page_pictures import draw_pictures, in_plane
+from page_pictures import draw_pictures, in_plane, panels
 
 import bspline_mdao as bm
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, RED, draw_net, draw_pressures, wall_quads
@@ -24,14 +24,6 @@ AROUND = {"aspect": "equal", "xlim": (-0.35, 1.35), "ylim": (-0.45, 0.45), "xtic
 
 NET = {"linewidth": 0.5}
 """Grid lines."""
-
-
-def panels(drawing, titles: tuple[str, ...]):
-    """Panels side by side with titles."""
-    row = drawing.subplots(1, len(titles), squeeze=False)[0]
-    for axes, title in zip(row, titles):
-        axes.set_title(title, fontsize=10)
-    return row
 
 
 def grids(drawing) -> None:
@@ -134,7 +126,7 @@ def movers(drawing) -> None:
 
 def flow(drawing) -> None:
     """The Euler equations about a section."""
-    mach, pressures = panels(drawing, ("EulerFlow: Mach number at M 0.5, 2 degrees", "Cp on the wall"))
+    mach, pressures = panels(drawing, ("EulerFlow at M 0.5, 2 degrees", "$C_p$ on the wall"))
     model = bm.fit_grid(bm.generators.airfoil_grid("naca0012", 64, 32))
     problem = om.Problem(reports=None)
     problem.model.add_subsystem("geometry", bm.GridMovement(model=model, fit=False, quality=False), promotes=["*"])
@@ -148,7 +140,7 @@ def flow(drawing) -> None:
             shown = mach.pcolormesh(
                 *sheet.points[..., :2].transpose(2, 0, 1), sheet.values["Mach"], cmap="turbo", rasterized=True
             )
-    drawing.colorbar(shown, ax=mach, shrink=0.8)
+    drawing.colorbar(shown, ax=mach, shrink=0.8, label="Mach number")
     mach.set(**AROUND)
     quads = problem.get_val("grid").reshape(-1, 3)[wall_quads(model)]
     draw_pressures(pressures, quads, problem.get_val("Cp"), 0.5, color=BLUE)

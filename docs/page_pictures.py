@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,30 @@ def bare(axes, title: str, **settings) -> None:
     axes.set(**{"aspect": "equal", **settings})
     axes.set_title(title, fontsize=10)
     axes.axis("off")
+
+
+def panels(drawing, titles: Sequence[str], n_rows: int = 1):
+    """Panels with titles, row by row."""
+    row = drawing.subplots(n_rows, len(titles) // n_rows, squeeze=False).ravel()
+    for axes, title in zip(row, titles):
+        axes.set_title(title, fontsize=10)
+    return row
+
+
+def bare_panels(drawing, titles: Sequence[str], n_rows: int = 1, **settings):
+    """Panels of which nothing but titles is left."""
+    row = panels(drawing, titles, n_rows)
+    for axes, title in zip(row, titles):
+        bare(axes, title, **settings)
+    return row
+
+
+def turned(points: np.ndarray, angle: float, about: tuple[float, float] = (0.5, 0.0)) -> np.ndarray:
+    """Rotate points in the plane of x and y clockwise by an angle (rad), by default about the middle of the chord."""
+    moved, cos, sin = points.copy(), np.cos(angle), np.sin(angle)
+    x, y = points[..., 0] - about[0], points[..., 1] - about[1]
+    moved[..., 0], moved[..., 1] = about[0] + cos * x + sin * y, about[1] - sin * x + cos * y
+    return moved
 
 
 def in_plane(block) -> np.ndarray:

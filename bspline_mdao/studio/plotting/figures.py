@@ -79,9 +79,8 @@ def figure(
 
 def reduce_colours(file: str | os.PathLike, n_colours: int) -> None:
     """Write a picture again with a few colours; those of thin lines stay, whatever else has many shades."""
-    pillow = require("PIL.Image")
-    with pillow.open(file) as image:  # median cuts would average the colours of few pixels
-        few = image.convert("RGB").quantize(n_colours, pillow.Quantize.MAXCOVERAGE, kmeans=2, dither=0)
+    with require("PIL.Image").open(file) as image:  # median cuts alone average the colours of few pixels
+        few = image.convert("RGB").quantize(n_colours, kmeans=2, dither=0)
     few.save(file, optimize=True)
 
 
