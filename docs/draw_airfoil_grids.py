@@ -27,7 +27,8 @@ def main() -> None:
             for axes, (along, across) in zip(rows[:, column], VIEWS):
                 for block, color in zip(grid.blocks, (BLUE, GRAY, ORANGE) if len(grid.blocks) > 1 else (BLUE,)):
                     draw_net(axes, block.nodes[:, :, 0, :2], color=color, linewidth=0.5)
-                axes.set(aspect="equal", xlim=along, ylim=across, xlabel="x / c")
+                labels = {"xlabel": "$x / c$", "ylabel": "" if column else "$y / c$"}
+                axes.set(aspect="equal", xlim=along, ylim=across, **labels)
             rows[0, column].set_title(name, fontsize=11)
 
 

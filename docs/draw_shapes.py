@@ -104,9 +104,9 @@ def draw_airfoil(points, grid, optimum) -> None:
     print("CD", before["CD"], after["CD"])
     net = model.regenerate().blocks[0].nodes[:, :, 0]
     points.plot(net[:, 0, 0], net[:, 0, 1], ".", color=GRAY, markersize=3)
-    points.set(aspect="equal", ylim=(-0.3, 0.3), xlabel="x / c")
+    points.set(aspect="equal", ylim=(-0.3, 0.3), xlabel="$x / c$", ylabel="$y / c$")
     draw_net(grid, net[..., :2], color=GRAY, linewidth=0.4)
-    grid.set(aspect="equal", xlim=(-0.5, 1.5), ylim=(-0.6, 0.6), xlabel="x / c")
+    grid.set(aspect="equal", xlim=(-0.5, 1.5), ylim=(-0.6, 0.6), xlabel="$x / c$", ylabel="$y / c$")
     quads = wall_quads(model)
     section = optimum.inset_axes((0.0, 0.0, 1.0, 0.3), sharex=optimum)
     for found, color, name in ((before, GRAY, "before"), (after, BLUE, "after")):
@@ -140,8 +140,8 @@ def draw_body(sheet, volume, optimum) -> None:
             draw_net(axes, cut[:, row, :, :2], color=color, linewidth=width)
             optimum.plot(cut[:, row, 0, 0], cut[:, row, 0, 1], color=color, label=name if row == 0 else None)
     for axes in (sheet, volume, optimum):
-        axes.set(aspect="equal", xlim=(-2.0, 6.0), ylim=(-3.2, 3.2), xlabel="x (m)")
-    optimum.legend(framealpha=1.0, edgecolor="none", fontsize=8, loc="upper right", handlelength=0.8)
+        axes.set(aspect="equal", xlim=(-2.0, 6.0), ylim=(-3.2, 3.2), xlabel="$x$ (m)", ylabel="$y$ (m)")
+    optimum.legend(framealpha=1.0, edgecolor="none", fontsize=8, loc="center", handlelength=0.8)
 
 
 if __name__ == "__main__":

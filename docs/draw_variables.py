@@ -2,18 +2,18 @@
 
 ``python docs/draw_variables.py`` writes ``docs/_static/planform_variables.png``: the wing of the ONERA M6, before in
 gray and after in blue, with the axis and its stations; and ``section_variables.png``: the NACA 0012 in the same
-colours, and below it what its upper side (blue) and its lower side (orange) are moved by, enlarged.
+colours, and below it what its upper side (blue) and its lower side (orange, wide) are moved by, enlarged.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
+from page_pictures import bare
 
 import bspline_mdao as bm
-from bspline_mdao.plotting import BLUE, GRAY, ORANGE
+from bspline_mdao.plotting import BLUE, GRAY, ORANGE, figure
 
 STATIC = Path(__file__).parent / "_static"
 
@@ -76,9 +76,7 @@ def draw(axes, mesh, kind, settings, values, title):
     axes.plot(*(VIEW @ axis.points.T), color=ORANGE, lw=1.6)
     places = bm.design.ReferenceAxis.of(mesh, n=max(len(values), 2)).points if len(values) > 1 else axis.points[[0, -1]]
     axes.plot(*(VIEW @ places.T), "o", color=ORANGE, ms=4)
-    axes.set_title(title, fontsize=10)
-    axes.set_aspect("equal")
-    axes.axis("off")
+    bare(axes, title.replace(": ", "\n"))
 
 
 def draw_section(axes, section, variable, values, title):
@@ -91,12 +89,10 @@ def draw_section(axes, section, variable, values, title):
     for curve, color, width in ((before, GRAY, 0.8), (after, BLUE, 1.2)):
         axes.plot(*curve.T, color=color, lw=width)
     nose = int(np.argmin(before[:, 0]))
-    for part, color in ((slice(nose, None), BLUE), (slice(nose + 1), ORANGE)):
-        axes.plot(before[part, 0], BELOW + ENLARGED * (after - before)[part, 1], color=color, lw=1.0)
+    for part, color, width in ((slice(nose + 1), ORANGE, 3.0), (slice(nose, None), BLUE, 1.0)):
+        axes.plot(before[part, 0], BELOW + ENLARGED * (after - before)[part, 1], color=color, lw=width)
     axes.axhline(BELOW, color=GRAY, lw=0.5)
-    axes.set_title(title, fontsize=10)
-    axes.set_aspect("equal")
-    axes.axis("off")
+    bare(axes, title.replace(": ", "\n"))
 
 
 def draw_sections():
@@ -104,22 +100,18 @@ def draw_sections():
     grid = bm.generators.section_o_grid(bm.generators.naca_section(0.12), 256, far=20.0)
     model = bm.fit_grid(grid, n_control=[(41, 13, 2)])
     section = bm.DesignSurface.of(model)
-    figure, panels = plt.subplots(2, 4, figsize=(14, 3.9), sharex=True, sharey=True)
-    for panel, case in zip(panels.flat, SECTIONS, strict=True):
-        draw_section(panel, section, *case)
-    figure.tight_layout()
-    figure.savefig(STATIC / "section_variables.png", dpi=110)
+    with figure(STATIC, "section_variables", (9.5, 3.2), n_colours=64) as drawing:
+        for panel, case in zip(drawing.subplots(2, 4, sharex=True, sharey=True).flat, SECTIONS, strict=True):
+            draw_section(panel, section, *case)
 
 
 def main():
     """Draw all panels."""
     draw_sections()
     mesh = bm.movers.moving_mesh(bm.fit_grid(bm.generators.onera_m6_grid((21, 17, 9)), n_control=(9, 9, 5)))
-    figure, panels = plt.subplots(2, 4, figsize=(13, 4.6), sharex=True, sharey=True)
-    for panel, case in zip(panels.flat, CASES, strict=True):
-        draw(panel, mesh, *case)
-    figure.tight_layout()
-    figure.savefig(STATIC / "planform_variables.png", dpi=110)
+    with figure(STATIC, "planform_variables", (9.5, 4.0), n_colours=64) as drawing:
+        for panel, case in zip(drawing.subplots(2, 4, sharex=True, sharey=True).flat, CASES, strict=True):
+            draw(panel, mesh, *case)
 
 
 if __name__ == "__main__":
