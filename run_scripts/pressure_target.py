@@ -29,7 +29,7 @@ from bspline_mdao.plotting import (
     ORANGE,
     draw_history,
     draw_optimality,
-    draw_sections,
+    draw_pressures,
     faces_around,
     figure,
     wall_quads,
@@ -192,19 +192,21 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
 
 
 def draw(folder, design: PressureTarget, runs: dict) -> None:
-    """Draw a section of the M6, of the target and of what was found with its pressures, and the histories."""
+    """Draw by how much a section leaves that of the M6, its pressures, and the histories."""
     start, target = (started(design.flight(), heights=part * design.heights) for part in (0.0, 1.0))
-    wings = {"M6": (start, GRAY, 1.4), "target": (target, ORANGE, 3.0)}
+    wings = {"M6": (start, GRAY, 1.4), "target": (target, ORANGE, 4.0)}
     wings["found"] = next(reversed(runs.values())).problem, BLUE, 1.2
-    around = faces_around(design.walls, 0.5 * design.walls[..., 2].max())
-    with figure(folder, "pressure_target", (9.5, 6.5)) as canvas:
+    walls, place = design.walls, 0.5 * design.walls[..., 2].max()
+    around = faces_around(walls, place)
+    with figure(folder, "pressure_target", (9.5, 6.5), n_colours=256) as canvas:
         (section, pressure), (mismatch, optimality) = canvas.subplots(2, 2)
         for name, (problem, color, width) in wings.items():
-            nodes, style = problem.get_val(GRID).reshape(-1, 3), {"color": color, "label": name, "linewidth": width}
-            middles = nodes[wall_quads(design.model)[around]].mean(axis=1)
-            draw_sections(section, design.model, nodes, (0.5,), **style)
-            pressure.plot(middles[:, 0], problem.get_val("Cp")[around], ".-", **style)
-        pressure.set(xlabel="$x$ (m)", ylabel="$C_p$", ylim=pressure.get_ylim()[::-1])
+            quads = problem.get_val(GRID).reshape(-1, 3)[wall_quads(design.model)]
+            style = {"color": color, "label": name, "linewidth": width}
+            x, y, _ = quads[around].mean(axis=1).T
+            section.plot(x, 1e3 * (y - walls[around, :, 1].mean(axis=1)), ".-", **style)
+            draw_pressures(pressure, quads, problem.get_val("Cp"), place, marker=".", **style)
+        section.set(xlabel="$x$ (m)", ylabel="height above the M6 (mm)")
         pressure.legend()
         draw_history(mismatch, runs, "mismatch", "mean square difference relative to the start")
         draw_optimality(optimality, runs)
