@@ -20,7 +20,7 @@ import openmdao.api as om
 
 import bspline_mdao as bm
 from bspline_mdao.drivers import nlopt, recorded
-from bspline_mdao.plotting import BLUE, GRAY, figure
+from bspline_mdao.plotting import BLUE, ORANGE, figure
 from bspline_mdao.scripts import run
 from bspline_mdao.testing import check_totals, perturb_design
 
@@ -130,18 +130,18 @@ def main(paper: bool = False, figures=None, folder=None) -> dict:
 
 
 def draw(figures, bodies: dict[str, bm.files.CadBody]) -> None:
-    """Draw sections of faces from root to tip, where the M6 is closed, one above the other, thicker than they are."""
+    """Draw sections of faces from root to tip, where the M6 is closed, one above the other, the optimum thin."""
     along, stations = np.linspace(0.0, 1.0, 161), np.linspace(0.0, 1.0, 6)
     uv = np.stack(np.meshgrid(along, stations, indexing="ij"), axis=-1).reshape(-1, 2)
-    with figure(figures, "cad_wing", (7.5, 4.5)) as drawing:
+    with figure(figures, "cad_wing", (7.5, 3.5), n_colours=64) as drawing:
         axes = drawing.subplots()
-        for color, (name, body) in zip((GRAY, BLUE), bodies.items()):
+        for color, width, (name, body) in zip((ORANGE, BLUE), (3.0, 1.0), bodies.items()):
             for face in body.faces:
                 ways = [face.surface.points(uv[:, order]).reshape(161, 6, 3) for order in ([0, 1], [1, 0])]
                 sections = min(ways, key=lambda lines: np.ptp(lines[..., 2], axis=0).max())  # planes of constant z
-                axes.plot(sections[..., 0], sections[..., 1] + 0.4 * sections[..., 2], color=color, linewidth=1.0)
-            axes.plot([], [], color=color, label=name)
-        axes.set(xlabel="x (m)", ylabel="y (m), raised by 0.4 of the span")
+                axes.plot(sections[..., 0], sections[..., 1] + 0.4 * sections[..., 2], color=color, linewidth=width)
+            axes.plot([], [], color=color, linewidth=width, label=name)
+        axes.set(xlabel="$x$ (m)", ylabel="$y + 0.4 z$ (m)", aspect="equal")
         axes.legend(frameon=False)
 
 
