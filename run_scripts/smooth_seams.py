@@ -147,15 +147,17 @@ def into_cad(model: bm.FittedModel, points: np.ndarray, name: str, folder=None) 
 
 def draw(figures, ball: Ball, bodies: dict[str, om.Problem], seams) -> None:
     """Draw the section of all bodies, and kinks and curvatures along the seams around their tops."""
-    x = ball.surface.points
-    cut = np.flatnonzero(np.abs(x[:, 1]) < 1e-6)
+    fine = ball.model.member(6.0)  # so that curves are seen as curves
+    x = fine.regenerate().to_vector().reshape(-1, 3)
+    cut = bm.measures.SurfaceGrid.of(fine).rows
+    cut = cut[np.abs(x[cut, 1]) < 1e-6]
     cut = cut[np.argsort(np.arctan2(x[cut, 0], x[cut, 2]))]
     rim = {seam.number for seam in seams["free"][:4]}  # the kinks of the cap
-    with figure(figures, "smooth_seams", (12.5, 3.8)) as drawing:
+    with figure(figures, "smooth_seams", (12.0, 3.8), n_colours=128) as drawing:
         left, middle, right = drawing.subplots(1, 3)
         left.plot(*x[np.append(cut, cut[0])][:, [0, 2]].T, color=GRAY, label="ball")
         for name, color in COLORS.items():
-            nodes = bodies[name].get_val("surface").reshape(-1, 3)[cut]
+            nodes = fine.regenerate(ball.control_points(bodies[name])).to_vector().reshape(-1, 3)[cut]
             left.plot(*np.append(nodes, nodes[:1], axis=0)[:, [0, 2]].T, color=color, label=name)
             around = [seam for seam in seams[name] if seam.number in rim]
             kinks = np.array([seam.kinks for seam in around])
@@ -163,9 +165,9 @@ def draw(figures, ball: Ball, bodies: dict[str, om.Problem], seams) -> None:
             at = np.linspace(0.0, 1.0, kinks.shape[1] + 2)[1:-1]
             middle.semilogy(at, kinks.max(axis=0), color=color, label=name)
             right.semilogy(at, jumps.max(axis=0), color=color, label=name)
-        left.set(aspect="equal", xlabel="x (m)", ylabel="z (m)")
-        middle.set(xlabel="place along the seams", ylabel="kink (deg)", ylim=(1e-6, 100.0))
-        right.set(xlabel="place along the seams", ylabel="jump of curvature (1/m)", ylim=(1e-2, 10.0))
+        left.set(aspect="equal", xlabel="$x$ (m)", ylabel="$z$ (m)")
+        middle.set(xlabel="fraction of a seam", ylabel="kink (deg)", ylim=(1e-6, 100.0))
+        right.set(xlabel="fraction of a seam", ylabel="jump of curvature (1/m)", ylim=(1e-2, 10.0))
         left.legend(frameon=False)
         right.legend(frameon=False)
 
