@@ -48,24 +48,24 @@ def draw(folder, model: FittedModel) -> None:
     """Draw the symmetry plane near the wing, and the wing."""
     nodes = [block.nodes for block in model.regenerate().blocks]
     nets = model.mesh.nets(model.control_points)
-    with figure(folder, "control_mesh", size=(9.0, 4.0)) as canvas:
+    with figure(folder, "control_mesh", size=(9.0, 4.3), n_colours=128) as canvas:
         grid = canvas.add_gridspec(1, 2, width_ratios=(1.45, 1.0))
         plane, wing = canvas.add_subplot(grid[0]), canvas.add_subplot(grid[1])
         for face in patch_faces(model, "symmetry", nodes):
             draw_net(plane, face[..., :2], color=GRAY, linewidth=0.25)
         for face in patch_faces(model, "symmetry", nets):
             draw_net(plane, face[..., :2], color=BLUE, linewidth=0.7, marker="o", markersize=2.2)
-        plane.set(xlim=(-0.55, 1.55), ylim=(-0.75, 0.75), xlabel="$x$", ylabel="$y$", title="symmetry plane")
+        plane.set(xlim=(-0.55, 1.55), ylim=(-0.75, 0.75), xlabel="$x$ (m)", ylabel="$y$ (m)", title="symmetry plane")
         for face in patch_faces(model, "wing_upper", nodes):
             draw_net(wing, face[..., [0, 2]], color=GRAY, linewidth=0.25)
         for face in patch_faces(model, "wing_upper", nets):
             draw_net(wing, face[..., [0, 2]], color=ORANGE, linewidth=0.7, marker="o", markersize=2.2)
-        wing.set(xlabel="$x$", ylabel="$z$", title="upper side of the wing")
+        wing.set(xlabel="$x$ (m)", ylabel="$z$ (m)", title="upper side of the wing")
         for axes, color in ((plane, BLUE), (wing, ORANGE)):
             axes.set_aspect("equal")
             axes.plot([], [], color=GRAY, linewidth=0.5, label="grid")
             axes.plot([], [], color=color, linewidth=0.7, marker="o", markersize=2.2, label="control mesh")
-            axes.legend(loc="upper left", frameon=True, framealpha=1.0)
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
 
 
 if __name__ == "__main__":

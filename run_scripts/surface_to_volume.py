@@ -99,7 +99,9 @@ def draw(folder, surface: Grid, grid: Grid) -> None:
                         draw_net(axes, side[..., :2], color=GRAY, linewidth=0.3)
                         axes.plot(*side[:, 0, :2].T, color=BLUE, linewidth=1.2)
             limits = [(center - reach, center + reach) for center in middle]
-            axes.set(xlim=limits[0], ylim=limits[1], xlabel="$x$", ylabel="$y$", title=f"{title}, plane of symmetry")
+            axes.set(
+                xlim=limits[0], ylim=limits[1], xlabel="$x$ (m)", ylabel="$y$ (m)", title=f"{title}, plane of symmetry"
+            )
             axes.set_aspect("equal")
 
 
