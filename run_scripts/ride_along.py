@@ -133,7 +133,7 @@ def draw(folder, riding: bm.meshes.EmbeddedMesh, states: dict, triangles: np.nda
     """Draw the mesh near the wing, the wing as it was and as it is, and the heights of the first nodes."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     edges = edges[np.isin(edges, riding.walls.rows).all(axis=1)].T
-    with figure(folder, "ride_along", size=(12.0, 3.6)) as canvas:
+    with figure(folder, "ride_along", size=(12.0, 3.6), n_colours=64) as canvas:
         *sections, last = canvas.subplots(1, len(states) + 1)
         for axes, (name, (state, _)) in zip(sections, states.items()):
             axes.triplot(state.nodes[:, 0], state.nodes[:, 1], triangles, color=BLUE, linewidth=0.2)
@@ -144,7 +144,7 @@ def draw(folder, riding: bm.meshes.EmbeddedMesh, states: dict, triangles: np.nda
         for (name, (state, _)), color in zip(states.items(), (BLUE, ORANGE, GREEN)):
             heights = np.sort(ratios(riding, state))
             last.plot(np.linspace(0.0, 1.0, len(heights)), heights, color=color, label=name)
-        last.set(title="first heights by those before", xlabel="nodes of the wall, sorted", ylim=(0.95, 1.05))
+        last.set(xlabel="fraction of the wall nodes, sorted", ylabel="first height relative to the baseline")
         last.legend()
 
 
