@@ -18,7 +18,7 @@ import openmdao.api as om
 import bspline_mdao as bm
 from bspline_mdao.drivers import nlopt, recorded, scipy_slsqp
 from bspline_mdao.names import GRID
-from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_history, draw_sections, figure
+from bspline_mdao.plotting import BLUE, ORANGE, draw_history, draw_sections, figure
 from bspline_mdao.scripts import run
 from bspline_mdao.testing import check_totals
 
@@ -198,11 +198,15 @@ def started(design: InverseDesign) -> om.Problem:
 def draw(folder, design: InverseDesign, runs: dict) -> None:
     """Draw the section halfway of the M6, of the target and of what was found, and the histories."""
     found = next(reversed(runs.values())).problem.get_val(GRID)
-    wings = {"M6": (design.model.regenerate().to_vector(), GRAY, 1.4), "target": (design.target_grid, ORANGE, 3.0)}
-    with figure(folder, "inverse_design", (9.5, 3.2)) as canvas:
+    styles = {
+        "target": (design.target_grid, {"color": ORANGE, "linewidth": 4.0}),
+        "found": (found, {"color": BLUE, "linewidth": 1.2}),
+        "M6": (design.model.regenerate().to_vector(), {"color": "black", "linewidth": 0.8, "linestyle": "--"}),
+    }
+    with figure(folder, "inverse_design", (9.5, 3.2), n_colours=256) as canvas:
         section, history = canvas.subplots(1, 2, width_ratios=(1.6, 1.0))
-        for name, (nodes, color, width) in {**wings, "found": (found, BLUE, 1.2)}.items():
-            draw_sections(section, design.model, nodes, (0.5,), color=color, label=name, linewidth=width)
+        for name, (nodes, style) in styles.items():
+            draw_sections(section, design.model, nodes, (0.5,), label=name, **style)
         section.legend(loc="upper center", ncols=3, bbox_to_anchor=(0.5, 1.8))
         draw_history(history, runs, "mismatch", "mean square distance, relative")
 
