@@ -159,16 +159,19 @@ def draw(folder, section, wing, slotted, states, numbers) -> None:
         for name in ("section", "wing", "gap"):
             found = numbers[name]
             worst.plot(found["angles"], found["worst"], "o-", ms=3, color=COLORS[name], label=name)
-            heights.fill_between(found["angles"], *np.transpose(found["heights"]), color=COLORS[name], alpha=0.4, lw=1)
+            bounds = np.transpose(found["heights"])
+            heights.fill_between(found["angles"], *bounds, color=COLORS[name], alpha=0.3, lw=0)
+            heights.plot(found["angles"], bounds.T, color=COLORS[name], lw=1.4)
         plain.set(xlim=(0.6, 1.06), ylim=(-0.22, 0.12), title="25 degrees, blended over 8 % of the chord")
         gap.set(xlim=(0.6, 1.06), ylim=(-0.22, 0.12), title="25 degrees behind a gap")
-        of_wing.set(title="25 degrees, from 35 to 75 % of the span")
+        of_wing.set(title="25 degrees, from 35 to 75 % of the span", xlabel="$x$ (m)", ylabel="$y + 0.6 z$ (m)")
         turned.set(xlim=(-0.4, 1.2), ylim=(-0.6, 0.6), title="all of the section by 200 degrees")
-        worst.set(xlabel="angle (deg)", ylabel="worst cell by that before", ylim=(0.0, 1.05))
-        heights.set(xlabel="angle (deg)", ylabel="heights of first cells by those before: the range")
+        worst.set(xlabel="angle (deg)", ylabel="worst cell relative to 0 deg", ylim=(0.0, 1.05))
+        heights.set(xlabel="angle (deg)", ylabel="range of first heights relative to 0 deg")
         worst.legend()
-        for axes in (plain, gap, of_wing, turned):
-            axes.set_aspect("equal")
+        for axes in (plain, gap, turned):
+            axes.set(aspect="equal", xlabel="$x / c$", ylabel="$y / c$")
+        of_wing.set_aspect("equal")
 
 
 if __name__ == "__main__":
