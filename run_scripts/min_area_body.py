@@ -152,7 +152,7 @@ def convergence(problems: dict[int, list[om.Problem]]) -> dict:
 
 def draw(folder, surface: bm.measures.SurfaceGrid, best: om.Problem, runs: dict, errors: dict) -> None:
     """Draw the cube and what became of it, the convergence with the grid and the histories."""
-    with figure(folder, "min_area_body", (10.5, 3.4)) as canvas:
+    with figure(folder, "min_area_body", (10.5, 3.4), n_colours=64) as canvas:
         shape, convergence, history = canvas.subplots(1, 3)
         draw_surface(shape, surface, surface.points, GRAY, -0.75)
         draw_surface(shape, surface, best.get_val("surface").reshape(-1, 3), BLUE, 0.75)
@@ -162,6 +162,8 @@ def draw(folder, surface: bm.measures.SurfaceGrid, best: om.Problem, runs: dict,
             convergence.loglog(spacing, values, "o-", color=color, label=f"{n} x {n} control points on a face")
         convergence.loglog(spacing, 0.2 * spacing**2, "--", color=GRAY, label="order 2")
         convergence.set(xlabel="spacing of nodes relative to the cube", ylabel="relative error of the area")
+        convergence.set_xticks(spacing, [f"1/{1.0 / each:.0f}" for each in spacing])
+        convergence.set_xticks([], minor=True)
         convergence.legend(fontsize=8)
         draw_history(
             history, runs, "surface_area", "relative error of the area", lambda area: np.abs(area / AREA - 1.0)
