@@ -18,6 +18,7 @@ import numpy as np
 from bspline_mdao import FitWarning, Grid, InputError, fit_grid, read_grid
 from bspline_mdao.adaptation import Improvement, improve_grid
 from bspline_mdao.grids import GridQuality, with_guessed_patches
+from bspline_mdao.plotting import figure
 from bspline_mdao.scripts import run
 
 GRIDS = {
@@ -84,35 +85,33 @@ def improve_file(path: Path, sliding: tuple[str, ...], figures=None) -> dict:
         return {"refused": str(error).replace(str(path), path.name)}
     seconds = time.process_time() - started
     if figures is not None:
-        Path(figures).mkdir(parents=True, exist_ok=True)
-        draw(found, given, Path(figures, f"improve_{path.stem}.png"))
+        draw(figures, f"improve_{path.stem}", found, given)
     return numbers_of(found, given, seconds)
 
 
-def draw(found: Improvement, given: Grid, path: Path) -> None:
+def draw(folder, name: str, found: Improvement, given: Grid) -> None:
     """Draw the first surface of constant i of the first block, along its axis and away from it, coloured by Q."""
-    import matplotlib.pyplot as plt
     from matplotlib.collections import PolyCollection
 
     quality = GridQuality.of_baseline(given)
-    figure, axes = plt.subplots(2, 1, figsize=(9, 7), layout="constrained", sharex=True, sharey=True)
-    for ax, grid, when in zip(axes, (given, found.grid), ("before", "after")):
-        q = quality.cells(grid.to_vector().reshape(-1, 3))[0].q[0]
-        x = grid.blocks[0].nodes[0]
-        p = np.stack([x[..., 0], np.hypot(x[..., 1], x[..., 2])], axis=-1)
-        corners = np.stack([p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]], axis=2).reshape(-1, 4, 2)
-        cells = PolyCollection(corners, array=q.ravel(), clim=(0.6, 1.0), edgecolors="k", linewidths=0.15)
-        ax.add_collection(cells)
-        ax.set(title=f"{when}: smallest Q {q.min():.3f}", ylabel="radius", aspect="equal")
-        low, high = p[:, 0, 1].min(), p[:, 0, 1].max()
-        bump = p[p[:, 0, 1] > low + 0.02 * (high - low), 0, 0]
-        width = np.ptp(bump) if bump.size else 0.0
-        ax.autoscale()
-        if width > 0.0:
-            ax.set(xlim=(bump.min() - 0.3 * width, bump.max() + 0.3 * width), ylim=(0.98 * low, high + 0.5 * width))
-    figure.colorbar(cells, ax=axes, label="Q")
-    figure.savefig(path, dpi=90)
-    plt.close(figure)
+    with figure(folder, name, size=(9.0, 6.4), n_colours=128) as canvas:
+        axes = canvas.subplots(2, 1, sharex=True, sharey=True)
+        for ax, grid, when in zip(axes, (given, found.grid), ("before", "after")):
+            q = quality.cells(grid.to_vector().reshape(-1, 3))[0].q[0]
+            x = grid.blocks[0].nodes[0]
+            p = np.stack([x[..., 0], np.hypot(x[..., 1], x[..., 2])], axis=-1)
+            corners = np.stack([p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]], axis=2).reshape(-1, 4, 2)
+            cells = PolyCollection(corners, array=q.ravel(), clim=(0.6, 1.0), edgecolors="k", linewidths=0.15)
+            ax.add_collection(cells)
+            ax.set(title=f"{when}: smallest $Q$ {q.min():.3f}", ylabel="radius (m)", aspect="equal")
+            low, high = p[:, 0, 1].min(), p[:, 0, 1].max()
+            bump = p[p[:, 0, 1] > low + 0.02 * (high - low), 0, 0]
+            width = np.ptp(bump) if bump.size else 0.0
+            ax.autoscale()
+            if width > 0.0:
+                ax.set(xlim=(bump.min() - 0.3 * width, bump.max() + 0.3 * width), ylim=(0.98 * low, high + 0.5 * width))
+        axes[1].set_xlabel("$x$ (m)")
+        canvas.colorbar(cells, ax=axes, label="orthogonality $Q$")
 
 
 def numbers_of(found: Improvement, given: Grid, seconds: float) -> dict:
