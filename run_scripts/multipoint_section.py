@@ -22,6 +22,7 @@ from bspline_mdao.plotting import (
     draw_history,
     draw_optimality,
     draw_pressures,
+    draw_sections,
     driver_styles,
     figure,
     wall_quads,
@@ -136,7 +137,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
         with recorded(problem, figures, f"{name}_{driver}") as runs[driver]:
             problem.run_driver()
     if figures:
-        with figure(figures, name, (11.0, 7.0)) as canvas:
+        with figure(figures, name, (11.0, 7.0), n_colours=256) as canvas:
             draw(canvas, model, start, runs)
         om.n2(start, outfile=str(Path(figures) / f"{name}.html"), show_browser=False)
 
@@ -169,12 +170,11 @@ def draw(canvas, model: bm.FittedModel, start: om.Problem, runs) -> None:
     styles, quads = {"NACA 0012": {"color": GRAY}, **driver_styles(runs)}, wall_quads(model)
     for name, problem in {"NACA 0012": start, **{name: each.problem for name, each in runs.items()}}.items():
         corners = problem.get_val(GRID).reshape(-1, 3)[quads]
-        axes["section"].plot(*corners.mean(axis=1)[:, :2].T, **styles[name], label=name)
+        draw_sections(axes["section"], model, problem.get_val(GRID), (0.5,), **styles[name], label=name)
         for point, mach in MACH_NUMBERS.items():
             pressures = problem.get_val(f"flows.{point}.Cp")
             draw_pressures(axes[point], corners, pressures, 0.5, **styles[name], label=name)
             axes[point].set_title(f"M {mach:g}")
-    axes["section"].set(aspect="equal", xlabel="$x / c$", ylabel="$y / c$")
     axes["slow"].legend(fontsize=8)
     draw_history(axes["history"], runs, "drag", "mean drag (counts)", lambda values: values * 1e4)
     draw_optimality(axes["optimality"], runs)
