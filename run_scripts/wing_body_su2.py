@@ -200,7 +200,7 @@ def main(paper: bool = False, figures=None, output=None, quick: bool = False, dr
 
 def draw(folder, mesh: MixedMesh, states: dict, runs: dict) -> None:
     """Draw the walls and the plane of symmetry in every state, and the histories."""
-    with figure(folder, "wing_body_su2", (14.0, 6.0)) as canvas:
+    with figure(folder, "wing_body_su2", (14.0, 6.0), n_colours=128) as canvas:
         *pictures, history = canvas.subplots(2, 4).flat
         for axes, (text, points) in zip(pictures, states.items()):
             for name, color in (("symmetry", "white"), ("fuselage", GRAY), ("wing", BLUE)):
