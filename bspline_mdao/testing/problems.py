@@ -109,8 +109,9 @@ def check_totals(
         change, size = (np.abs(x).max(initial=0.0) for x in (smallest * product, problem.get_val(name)))
         if change <= np.finfo(float).eps * size:
             raise InputError(
-                f"there is nothing to compare: '{name}' does not depend on the design variables but for round-off; "
-                "if its derivatives vanish here by symmetry, move the design first, as perturb_design does"
+                f"there is nothing to compare: '{name}' does not depend on the design variables but for round-off; if "
+                "its derivatives vanish here by symmetry, move the design first, as perturb_design(problem) does, or "
+                "name the others in 'of'"
             )
 
     def error(differences: list[dict]) -> float:
