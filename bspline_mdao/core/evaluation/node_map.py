@@ -5,7 +5,7 @@ A map is made once for a baseline. ``state = a_map.at(control_points, ...)`` has
     change = state.jvp(control_points=d_control_points)        directions by the names of inputs; zero if missing
     bars = state.vjp(bar, wrt=["control_points"])              derivatives of a scalar by the same names
 
-Code written only against these, such as the components, serves every mesh. A new map, for a mesh without structure,
+Code written only against these, such as the components, serves every mesh. A new map, for an unstructured mesh,
 say, must satisfy the following. `tests/core/evaluation/test_node_maps.py` proves it for every map that is listed there.
 
 - *Names.* Inputs are parameters of ``at`` and ``jvp`` under the names in ``inputs``, which are the names of its

@@ -78,7 +78,7 @@ def moving_mesh(
     Parameters
     ----------
     model : FittedModel, LocalModel or MeshModel
-        The fitted grid, or the part of it that one of several processes needs; or a mesh without structure, whose walls
+        The fitted grid, or the part of it that one of several processes needs; or an unstructured mesh, whose walls
         are patches by the names of its markers.
     design : str or sequence of str, optional
         Patches whose control points are the design surface, by name or pattern (``"wing*"``); all walls by default.

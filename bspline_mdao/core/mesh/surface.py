@@ -49,7 +49,7 @@ class SurfaceGrid(OneLine):
     planes : tuple of Plane
         Planes of symmetry of the grid.
     cells : tuple of ndarray of int, each of shape (n_quads, 4)
-        Numbers of the nodes around each face of a patch without structure, around the normal into the fluid; triangles
+        Numbers of the nodes around each face of an unstructured patch, around the normal into the fluid; triangles
         have their last corner twice. One array for each of ``names``, instead of ``faces``.
 
     Examples
@@ -72,7 +72,7 @@ class SurfaceGrid(OneLine):
 
     @classmethod
     def of(cls, model: Movable, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
-        """Take the surface of a fitted grid, or of a mesh without structure.
+        """Take the surface of a fitted grid, or of an unstructured mesh.
 
         Parameters
         ----------

@@ -1,6 +1,6 @@
 """A model that moves with control points, whatever its cells: the interface for surfaces, measures and components.
 
-A fitted grid of blocks is one (`.model.Model`), and so is a mesh without structure (through its lattice, see
+A fitted grid of blocks is one (`.model.Model`), and so is an unstructured mesh (through its lattice, see
 `bspline_mdao.core.background.mesh_model`). Callers need not know which it is. The difference is behind these members,
 and behind the functions that make a control mesh (`moving_mesh`), a surface (`SurfaceGrid.of`), its map (`surface_map`)
 and a mover (`default_mover`), each of which has one implementation for each kind of model.

@@ -53,7 +53,7 @@ LAYER = LayerSettings()
 """The defaults, for grids of blocks."""
 
 MESH_LAYER = replace(LAYER, widths=6.0)
-"""Settings for meshes without structure: the lattice that carries these strains the layer more than volumes that are
+"""Settings for unstructured meshes: the lattice that moves these strains the layer more than volumes that are
 fitted to the wall do. Faces of the blunt trailing edge of pyHyp's M6 are as wide as first cells are high there; 3
 widths leave up to 0.24 of the map's effect on these cells. Bent by 60 degrees, heights are 0.992 at 1 %, and 0.999 with
 6. With 8, a winglet inverts 109 cells above edges of the H-H wing, 78 with 6."""
