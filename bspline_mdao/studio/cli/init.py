@@ -96,9 +96,10 @@ def _grid_body(grid_name: str, patches: Path | None, progress: Progress) -> Grid
     try:
         return GridBody(grid, topology)
     except InputError:
+        use = "fit the grid again with" if model else "give"
         raise InputError(
             f"{grid_name}: no patch is a wall, so there is nothing to design; draft patches by 'bspline-mdao "
-            f"inspect {grid_name} --draft patches.toml', check them, and give --patches patches.toml"
+            f"inspect {grid_name} --draft patches.toml', check them, and {use} --patches patches.toml"
         ) from None
 
 

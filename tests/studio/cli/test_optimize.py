@@ -496,6 +496,14 @@ def test_a_body_that_is_no_wing_gets_a_study_of_its_shape(workplace, capsys):
     assert run(["optimize", "studies/ball.toml", "-o", "out", "--max-iterations", "3"]) == 0
 
 
+def test_a_model_without_walls_is_to_be_fitted_again_with_patches(workplace, capsys):
+    write_grid("ball.xyz", ball_grid((5, 5, 5, 5)))  # a PLOT3D file has no patches
+    assert run(["fit", "ball.xyz", "-o", "ball.h5"]) == 0
+    assert run(["init", "ball.h5", "-o", "ball.toml"]) == 2
+    words = "inspect ball.h5 --draft patches.toml', check them, and fit the grid again with --patches patches.toml"
+    assert words in capsys.readouterr().err
+
+
 def test_a_model_is_drafted_with_its_patches(workplace):
     fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)).save("m6.h5")
     assert run(["init", "m6.h5", "-o", "study.toml"]) == 0
