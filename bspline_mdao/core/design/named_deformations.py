@@ -54,6 +54,7 @@ __all__ = [
     "parse_deformation",
     "parse_requests",
     "read_points",
+    "section_warnings",
     "stream_warnings",
 ]
 
@@ -71,6 +72,9 @@ _STEEPEST = 1.5
 
 _STREAMWISE = RotateSections, Pitch, ShearDownstream
 """Maps whose signs depend on which end of the surface is upstream."""
+
+_SPANWISE = {RotateSections: "twist", Bend: "bend", ShearDownstream: "sweep", ShearUpwards: "dihedral"}
+"""Maps that differ along the span, and their names."""
 
 _INBOARD = 0.1
 """Fraction of the span inboard of an arc from which points count towards the surface thickness on it, which may have no
@@ -135,6 +139,17 @@ def stream_warnings(deformation: Deformation, model: Any) -> tuple[str, ...]:
     walls = SurfaceGrid.of(model, designed_patches(model, deformation.mesh) or None)
     why = why_backwards(walls.points, walls.quads, surface_frame(walls.points, walls.planes))
     return (f"{why}; turn the mesh, or change the signs of twist, pitch and sweep",) if why else ()
+
+
+def section_warnings(deformation: Deformation) -> tuple[str, ...]:
+    """Warnings of a deformation of a section, if it differs along the span."""
+    names = " and ".join(f"'{_SPANWISE[type(each)]}'" for each in deformation.maps if type(each) in _SPANWISE)
+    if not names:
+        return ()
+    return (
+        f"the walls are a section, the same along the span, and {names} would change it along the span; 'pitch' turns "
+        f"all of it",
+    )
 
 
 @dataclass(frozen=True, eq=False)

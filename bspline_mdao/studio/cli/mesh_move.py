@@ -18,7 +18,7 @@ from ...core.background.mesh_map import MeshState
 from ...core.background.mesh_model import MeshModel
 from ...core.background.open_mesh_file import open_mesh_file
 from ...core.cad.files import SUFFIXES
-from ...core.design.named_deformations import parse_deformation
+from ...core.design.named_deformations import parse_deformation, section_warnings
 from ...core.movement.mover import Movement
 from ...errors import InputError, MovementError
 from ...grids.cells.overlap_change import OverlapChange
@@ -135,7 +135,10 @@ def _move(model: MeshModel, options: MoveOptions) -> _Moved:
     state = model.node_map.at(movement.points)
     seconds = working_seconds() - start
     judged = MovedMesh.of(model, movement.points, state.nodes, is_proved=not options.no_certify)
-    split, remarks = model.split_copies(deformation), Remarks.of(deformation, model)
+    is_section = model.mesh.n_copies > 1
+    split, remarks = model.split_copies(deformation), Remarks.of(deformation, model, is_section)
+    if is_section and section_warnings(deformation):
+        split = 0.0, ""  # its planes are of no file
     return _Moved(model, surface, movement, state, judged, seconds, None, split, remarks)
 
 

@@ -198,7 +198,8 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: 
     before, after = (each.to_vector().reshape(-1, 3) for each in (baseline, grid))
     off = SlidingNodes.of(model.topology, before, mesh.slides).off(after) if mesh.curved_slides else None
     periodic = block_numbers(model.topology, baseline, grid), split
-    compared, remarks = _compared(baseline, grid, options), Remarks.of(deformation, model)
+    is_section = SurfaceGrid.of(model, options.design or None).is_section
+    compared, remarks = _compared(baseline, grid, options), Remarks.of(deformation, model, is_section)
     return Moved(mesh, model.control_points, surface, movement, grid, miss, *compared, gaps, off, *periodic, remarks)
 
 

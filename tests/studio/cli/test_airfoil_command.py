@@ -156,3 +156,12 @@ def test_what_cannot_be_made_is_one_line_and_nothing_is_written(said, arguments,
     assert message in error
     assert error.count("\n") == 1
     assert not list(Path().iterdir())
+
+
+def test_a_section_that_would_change_along_the_span_is_warned_of(tmp_path, capsys):
+    model = str(tmp_path / "foil.h5")
+    assert run(["airfoil", "naca0012", "--around", "32", "--away", "12", "-o", model]) == 0
+    warned = "the walls are a section, the same along the span, and 'twist' and 'sweep' would change it along the span"
+    for name, deform, is_warned in (("a.xyz", "twist=3deg+sweep=2deg", True), ("b.xyz", "pitch=3deg", False)):
+        assert run(["move", model, "--deform", deform, "-o", str(tmp_path / name)]) == 0
+        assert (warned in " ".join(capsys.readouterr().err.split())) == is_warned

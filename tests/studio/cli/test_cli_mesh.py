@@ -139,6 +139,10 @@ def test_both_planes_of_a_mesh_of_two_dimensions_move_alike(workplace, capsys):
     printed = "".join(capsys.readouterr())
     assert "smallest area (m^2)" in printed
     assert "70 faces of the boundary have no marker, and move along" in printed
+    assert run(["move", "plane.h5", "--deform", "twist=3deg", "-o", "moved.su2", "--overwrite"]) == 0
+    printed = capsys.readouterr().err
+    assert "a section, the same along the span, and 'twist' would change it along the span; 'pitch' turns" in printed
+    assert "periodic" not in printed
     crushed = ["move", "plane.h5", "--deform", "bumps=0.5", "-o", "moved.su2", "--overwrite"]
     fails_as_expected(crushed, capsys, r", 0), of area -")
 
