@@ -194,16 +194,18 @@ class TrimmedState(EulerState):
         """Message on a flow that fails on the way to the lift: what to check; a wrong area leads to wrong angles."""
         return (
             f"CL_target {self._inputs['CL_target'].item():g} is not reached: at alpha {inputs['alpha'].item():.4g} deg "
-            f"{complaint}; check CL_target and {self._area()}, or take a smaller CL_target or Mach number"
+            f"{complaint}; check CL_target, {self._frame()}, or take a smaller CL_target or Mach number"
         )
 
-    def _area(self) -> str:
-        """Reference area and, to compare, the area of the walls as seen from above."""
+    def _frame(self) -> str:
+        """Axes, reference area and, to compare, the area of the walls as seen from above."""
         forces = self.options["forces"]
         areas = area_vectors(forces.walls.nodes(self.options["nodes"]), forces.walls.corners)
         coefficients = forces.wing.coefficients
         seen = 0.5 * np.abs(areas @ coefficients.axes[2]).sum()
-        return f"reference_area ({coefficients.area:.4g} m^2; the walls as seen from above: {seen:.3g} m^2)"
+        axes = "".join("xyz"[axis] for axis in np.abs(coefficients.axes).argmax(axis=1))
+        area = f"reference_area ({coefficients.area:.4g} m^2; the walls as seen from above: {seen:.3g} m^2)"
+        return f"axes ('{axes}': downstream, along the span, up) and {area}"
 
     def _sensitivity_at(self, inputs: Vector, outputs: Vector) -> _Sensitivity:
         """Sensitivity of states and lift to the angle."""
@@ -223,7 +225,7 @@ class TrimmedState(EulerState):
         if not abs(alpha + change) <= LARGEST_ANGLE:
             raise om.AnalysisError(
                 f"{self.msginfo}: CL_target {target:g} is out of reach: at alpha {alpha:.4g} deg CL is "
-                f"{target - lack:.4g} and rises by {slope:.2g} a degree; check {self._area()}, or take "
+                f"{target - lack:.4g} and rises by {slope:.2g} a degree; check {self._frame()}, or take "
                 f"a CL_target nearer to that"
             )
         moved = states + change * sensitivity.states
