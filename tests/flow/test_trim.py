@@ -134,8 +134,8 @@ def test_area_in_another_unit_is_named_with_the_lift_the_angle_it_led_to_and_the
     with pytest.raises(
         om.AnalysisError,
         match=r"CL_target 0.2 is not reached: at alpha 2 deg the flow did not converge: .*; check CL_target, "
-        r"axes \('xzy': downstream, along the span, up\) and reference_area \(1.16e\+06 m\^2; the walls as seen from above: 1.16 m\^2\), or take a "
-        r"smaller CL_target or Mach number",
+        r"axes \('xzy': downstream, along the span, up\) and reference_area \(1.16e\+06 m\^2; the walls as seen "
+        r"from above: 1.16 m\^2\), or take a smaller CL_target or Mach number",
     ) as error:
         run(flown, Mach_number=0.7)
     assert "smaller angle" not in str(error.value)
