@@ -185,7 +185,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
 def draw(folder, model: MeshModel, states: dict, runs: dict) -> None:
     """Draw the walls in every state, and the histories."""
     shown = [name for name in states if name not in ("slide", "rise")]
-    with figure(folder, "wing_slides_on_body", (13.0, 8.0)) as canvas:
+    with figure(folder, "wing_slides_on_body", (13.0, 6.2), n_colours=64) as canvas:
         *pictures, history = canvas.subplots(2, 3).flat
         for axes, name in zip(pictures, shown):
             for marker, color in (("fuselage", GRAY), ("wing_upper", BLUE), ("wing_lower", BLUE)):
