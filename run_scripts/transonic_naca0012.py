@@ -97,7 +97,7 @@ def draw(folder, model: bm.FittedModel, problems: dict[str, om.Problem]) -> None
             for side, label in zip(sides.swapaxes(0, 1), (f"M {mach:g}", None)):
                 pressures.plot(*side, ".-", color=color, markersize=3, linewidth=0.8, label=label)
             history.semilogy([step.residual for step in problem.model.state.solution.history], ".-", color=color)
-        pressures.set(xlabel="$x$, chords", ylabel="$C_p$")
+        pressures.set(xlabel="$x / c$", ylabel="$C_p$")
         pressures.invert_yaxis()
         pressures.legend(fontsize=9)
         history.set(xlabel="Newton steps", ylabel="residual relative to the uniform stream's")
@@ -116,7 +116,7 @@ def draw_mach_numbers(axes, model: bm.FittedModel, states: np.ndarray):
         middles = (0.25 * (z[1:, 1:] + z[1:, :-1] + z[:-1, 1:] + z[:-1, :-1]) for z in (x, y))
         axes.contour(*middles, part, [1.0], colors=GRAY, linewidths=0.6)
         start += part.size
-    axes.set(xlim=(-0.5, 1.5), ylim=(-0.8, 1.2), aspect="equal", xlabel="$x$, chords", ylabel="$y$, chords")
+    axes.set(xlim=(-0.5, 1.5), ylim=(-0.8, 1.2), aspect="equal", xlabel="$x / c$", ylabel="$y / c$")
     return mesh
 
 

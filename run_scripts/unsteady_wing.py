@@ -106,13 +106,15 @@ def draw(folder, model, states, numbers) -> None:
         stream = model.topology.shapes[4][0]
         draw_cut(side, model, states["pitching"][1], ROOT_BLOCKS, np.s_[:, :, 0], (0, 1))
         draw_cut(front, model, states["flapping"][1], WING_BLOCKS, np.s_[stream // 2], (2, 1))
-        side.set(xlim=(-0.7, 1.7), ylim=(-0.8, 0.8), xlabel="$x$", ylabel="$y$", title="pitching: speed at the root")
-        front.set(xlim=(0.0, 2.4), ylim=(-0.5, 1.1), xlabel="$z$", ylabel="$y$", title="flapping: speed at mid-chord")
+        side.set(xlim=(-0.7, 1.7), ylim=(-0.8, 0.8), xlabel="$x$ (m)", ylabel="$y$ (m)", title="pitching: the root")
+        front.set(xlim=(0.0, 2.4), ylim=(-0.5, 1.1), xlabel="$z$ (m)", ylabel="$y$ (m)", title="flapping: mid-chord")
         for name, results in numbers.items():
             error.loglog(results["steps"], results["differences"], "o-", color=COLORS[name], label=name)
             quality.plot(results["phases"], results["min_corner"], "o-", color=COLORS[name], label=name)
         error.loglog(STEPS, 20.0 * STEPS**2, "--", color=GRAY, label="order 2")
-        error.set(xlabel="time step (s)", ylabel="error of differences in time")
+        error.set(xlabel="time step (ms)", ylabel="error of differences relative to the largest speed")
+        error.set_xticks(STEPS, [f"{1e3 * step:g}" for step in STEPS])
+        error.set_xticks([], minor=True)
         quality.set(xlabel="time relative to the period", ylabel="smallest corner triple product", ylim=(0.0, None))
         for axes in (error, quality):
             axes.legend()
@@ -129,7 +131,7 @@ def draw_cut(axes, model, state, blocks, cut, plane) -> None:
         image = axes.pcolormesh(x, y, speed, shading="gouraud", cmap="viridis", vmin=0.0, vmax=fastest)
         draw_net(axes, np.stack([x, y], axis=-1), color="white", linewidth=0.25)
     axes.set_aspect("equal")
-    axes.figure.colorbar(image, ax=axes, shrink=0.8)
+    axes.figure.colorbar(image, ax=axes, shrink=0.8, label="speed of the nodes (m/s)")
 
 
 if __name__ == "__main__":
