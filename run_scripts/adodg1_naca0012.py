@@ -133,7 +133,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
         with recorded(problem, figures, f"{name}_{driver}") as runs[driver]:
             problem.run_driver()
     if figures:
-        with figure(figures, name, (11.0, 7.0)) as canvas:
+        with figure(figures, name, (11.0, 7.0), n_colours=256) as canvas:
             draw(canvas, model, start, runs)
         om.n2(start, outfile=str(Path(figures) / f"{name}.html"), show_browser=False)
     return {

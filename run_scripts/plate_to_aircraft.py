@@ -173,7 +173,7 @@ def main(
         with recorded(problem, figures, f"{name}_{driver}") as runs[driver]:
             problem.run_driver()
     if figures:
-        with figure(figures, name, (9.5, 9.0)) as canvas:
+        with figure(figures, name, (9.5, 9.0), n_colours=256) as canvas:
             draw_designs(canvas, model, start, runs, "drag", "drag (counts)", 1e-4)
         om.n2(start, outfile=str(Path(figures) / f"{name}.html"), show_browser=False)
     return {

@@ -126,7 +126,7 @@ def main(
         return aerodynamics(problem) | {"finer": aerodynamics(finer)}
 
     if figures:
-        with figure(figures, name, (9.5, 9.0)) as canvas:
+        with figure(figures, name, (9.5, 9.0), n_colours=256) as canvas:
             draw_designs(canvas, model, start, runs, "CD_induced", "induced drag relative to the ellipse's", IDEAL)
         om.n2(start, outfile=str(Path(figures) / f"{name}.html"), show_browser=False)
     return {
