@@ -100,10 +100,10 @@ def measures(drawing) -> None:
     for part, value in zip(parts, np.ravel(thickness.evaluate(surface.points))):
         ends = [np.interp(part, *side.T) for side in sides]
         axes.annotate("", (part, max(ends)), (part, min(ends)), arrowprops={"arrowstyle": "<->", "color": ORANGE})
-        axes.text(part + 0.01, np.mean(ends), f"{value:.3f}", fontsize=8, color=ORANGE, va="center")
+        axes.text(part, max(ends) + 0.005, f"{value:.3f}", fontsize=8, color=ORANGE, ha="center", va="bottom")
     area = np.ravel(bm.measures.SectionArea.of(surface).evaluate(surface.points))[0]
     axes.text(0.2, -0.11, f"SectionArea {area:.4f} m²", color=BLUE, fontsize=9)
-    axes.text(0.55, 0.11, "Thickness.of_sections (m)", color=ORANGE, fontsize=9)
+    axes.text(0.55, 0.12, "Thickness.of_sections (m)", color=ORANGE, fontsize=9)
     axes.set(aspect="equal", xlim=(-0.05, 1.05), ylim=(-0.14, 0.15))
     axes.set_axis_off()
 
@@ -181,7 +181,7 @@ def optimisation(drawing) -> None:
             cases = [reader.get_case(case) for case in reader.list_cases("driver", out_stream=None)]
         way = [np.concatenate([case[key] for case in cases]) for key in ("x", "y")]
         axes.plot(*way, "o-", color=color, linewidth=width, markersize=2.0 + width, label=f"{name}: {len(cases)}")
-    axes.plot(1.0, 1.0, "*", color=RED, markersize=9)
+    axes.plot(1.0, 1.0, "*", color=RED, markersize=9, zorder=3)
     axes.set(xlabel="x", ylabel="y", xlim=(-2.1, 2.1), ylim=(-2.1, 2.1))
     drawing.legend(fontsize=9, title="evaluations", title_fontsize=9, loc="outside right upper")
 
