@@ -1,10 +1,10 @@
 """Adapt a grid to the drag.
 
 Adapt the grid of a section to its drag, by interior control points and the adjoint's estimate of the error. It takes a
-minute or two, with ``--quick`` some seconds, and with ``--paper``, which adapts an H-H grid about the section and a
-grid of the ONERA M6 to lift and drag as well, some five minutes. The output is lift and drag on O-grids about NACA 0012
-and on the adapted one of them, at the conditions that it was adapted to and at others, their errors against what is
-exact, and a picture of the cells with what they contribute to the error.
+minute or two, with ``--quick`` some seconds, and with ``--paper``, some five minutes; this also adapts an H-H grid
+about the section and a grid of the ONERA M6 to lift and drag. The output is lift and drag on O-grids about NACA 0012
+and on the adapted one, at the conditions that it was adapted to and at others, their errors relative to exact values,
+and a picture of the cells with their contributions to the error.
 """
 
 from __future__ import annotations

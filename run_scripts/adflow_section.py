@@ -1,11 +1,11 @@
 """ADflow: a transonic section.
 
 A transonic section by RANS and its discrete adjoint: ADflow with the grid movement of bspline_mdao. It needs MPhys and
-ADflow, with IDWarp, baseclasses, mpi4py and petsc4py, as ADflow's page on installation says. The section starts as the
-NACA 0012 at M 0.73, a Reynolds number of 6.5 million and a lift coefficient of 0.5; points of a lattice and the angle
-of attack are variables. It takes ten minutes, and two with ``--quick``; behind ``mpirun -n 2 python`` two processes
+ADflow, with IDWarp, baseclasses, mpi4py and petsc4py, as described on ADflow's installation page. The section starts as
+the NACA 0012 at M 0.73, a Reynolds number of 6.5 million and a lift coefficient of 0.5; points of a lattice and the
+angle of attack are variables. It takes ten minutes, and two with ``--quick``; with ``mpirun -n 2 python`` two processes
 share the flow. The output is lift, drag and angle at the start and at the optimum, the same on a finer grid that no
-optimiser saw, how the optimiser went on, and a picture of the pressures.
+optimiser saw, how the optimiser converged, and a picture of the pressures.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """ADflow: twist and camber of a swept wing.
 
 Twist and camber of a swept wing by RANS and its discrete adjoint: ADflow with the movement of bspline_mdao. It needs
-MPhys and ADflow, with IDWarp, baseclasses, mpi4py and petsc4py, as ADflow's page on installation says. The half wing
-has a semi-span of three root chords, a taper of a half and a leading edge that is swept by 20 degrees. It starts with
-NACA 0012 sections and no twist, at M 0.5, a Reynolds number of 5 million and a lift coefficient of 0.4. Angle of
+MPhys and ADflow, with IDWarp, baseclasses, mpi4py and petsc4py, as described on ADflow's installation page. The half
+wing has a semi-span of three root chords, a taper of a half and a leading edge that is swept by 20 degrees. It starts
+with NACA 0012 sections and no twist, at M 0.5, a Reynolds number of 5 million and a lift coefficient of 0.4. Angle of
 attack, twist and camber at stations are the variables; thickness stays as it is. It takes four minutes, and ``mpirun -n
 2 python`` shares the flow between two processes. The output is lift, drag, angle, twist and camber at the start and at
-the optimum, the same on a finer grid that no optimiser saw, how the optimiser went on, and a picture of twist and
+the optimum, the same on a finer grid that no optimiser saw, how the optimiser converged, and a picture of twist and
 camber along the span. Grids as coarse as these show that the chain works, not the drag.
 """
 

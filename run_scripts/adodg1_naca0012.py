@@ -1,13 +1,13 @@
 """ADODG 1: transonic drag of the NACA 0012.
 
-Least drag of a section no thinner than the NACA 0012 anywhere, at M 0.85 and zero lift: case 1 of the AIAA's group. The
-upper half of the section, on a half O-grid with symmetry ahead and behind, gets heights that are nowhere below those of
-the NACA 0012: the heights of all control points are bounded by theirs, which holds on every member of the grid family.
-With more control points than these designs have several flows, with other shocks, and optimisers end on any of them;
-every flow starts from that of the last gradient, so that small steps stay with it. It takes four minutes, with
-``--quick`` some seconds, and a quarter of an hour at the paper's size. The output is drag at the start and at the
-optima, the same on a finer grid that no optimiser saw, started from the flow of the optimum and from the uniform
-stream, how the optimisers went on, a check of the totals, and a picture of sections, pressures and histories.
+Least drag of a section nowhere thinner than the NACA 0012, at M 0.85 and zero lift: case 1 of the AIAA's group. The
+upper half of the section, on a half O-grid with symmetry ahead and behind, is nowhere below the NACA 0012: the heights
+of all control points are bounded by the NACA 0012's, which holds on every member of the grid family. With more control
+points, designs have several flows, with different shocks, and optimisers end on any of them. Every flow starts from the
+flow of the last gradient, so small steps stay with it. It takes four minutes, with ``--quick`` some seconds, and a
+quarter of an hour at the paper's size. The output is drag at the start and at the optima, the same on a finer grid that
+no optimiser saw, started from the flow of the optimum and from the uniform stream, how the optimisers converged, a
+check of the totals, and a picture of sections, pressures and histories.
 """
 
 from __future__ import annotations

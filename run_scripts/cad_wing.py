@@ -1,13 +1,13 @@
 """From STEP to STEP: twist of a wing.
 
-A wing that comes as a STEP file and leaves as one: twisted for the least induced drag at its lift. CAD here is what the
-ONERA M6 of the package gives; any STEP or IGES file of a wing's walls goes the same way. Three files of the same faces
-are written: the wing, and two of it that are turned about the quarter chord, by angles that grow to the tip, and that
-are largest at mid-span. Nodes of the walls of a grid are tied to the faces of the first by their (u, v), once. How far
-the faces go towards the other files are the design variables, with the angle of attack; wall nodes are exactly where
-the faces put them, the volume grid follows, and a vortex lattice (OpenAeroStruct) gives lift and induced drag. It takes
-some ten seconds. The output is drags, the distance of wall nodes of the optimum from the STEP file that is written of
-it, by OpenCascade's own projection, a check of the totals, and a picture.
+A wing is read from a STEP file, twisted for the least induced drag at its lift, and written as a STEP file. The CAD
+file here is made from the package's ONERA M6; any STEP or IGES file of a wing's walls works in the same way. Three
+files with the same faces are written: the wing, and two in which it is twisted about the quarter chord, by angles that
+grow to the tip or are largest at mid-span. Nodes of the walls of a grid are tied once to the faces of the first by
+their (u, v). The design variables are the interpolation towards the other files and the angle of attack; wall nodes are
+exactly where the faces put them, the volume grid follows, and a vortex lattice (OpenAeroStruct) gives lift and induced
+drag. It takes some ten seconds. The output is drags, the distance of wall nodes of the optimum from its STEP file, by
+OpenCascade's own projection, a check of the totals, and a picture.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Curved elements for high-order solvers.
 
-Curved elements of degree 1 to 4 from B-spline volumes, and how near their walls are to the splines. It takes half a
-minute, with ``--quick`` some seconds. The output, for a ball with volumes of order 4 and 6, is the distance of
-curved walls from the splines on finer and finer grids of elements of each degree, its order, and the smallest Jacobian;
-a picture of them; and the coarsest elements as CGNS and, with meshio, for Gmsh.
+Curved elements of degree 1 to 4 from B-spline volumes, and how close their walls are to the splines. It takes half a
+minute, with ``--quick`` some seconds. The output, for a ball with volumes of order 4 and 6, is the distance of curved
+walls from the splines on ever finer grids of elements of each degree, its order, and the smallest Jacobian; a picture
+of them; and the coarsest elements as CGNS and, with meshio, for Gmsh.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Figure 2: a one-dimensional B-spline mesh.
 
 How control points set the spacing of a one-dimensional B-spline mesh. It takes a second. The output is the meshes of
-uniform and of adapted control points, and the uniform mesh that a change of parameter gives, with the ratio of the
-largest to the smallest spacing of each, and the pictures of the figure.
+uniform and of adapted control points, and the uniform mesh after a change of parameter, with the ratio of the largest
+to the smallest spacing of each, and the pictures of the figure.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Figure 3: a basis function with curved knots.
 
 A two-dimensional modified basis function, which moves with its curved knots. It takes a few seconds. The output is the
-place of the function's maximum, which moves, the jumps of its derivatives across knots, which are those of the finite
-differences alone, and the picture of the figure.
+place of the function's maximum, which moves, the jumps of its derivatives across knots, which are only errors of the
+finite differences, and the picture of the figure.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Figures 7 and 8: meshes of both cases.
 
 Control mesh and grid on the body and the symmetry plane, before and after both changes of shape. Surface control points
-are red spheres. The pictures are rendered off screen by PyVista where that is possible, and drawn by matplotlib
-elsewhere. It takes some seconds, and some minutes at the paper's size. The output is the sizes of both meshes, how far
-the surface moved, inverted cells, and the pictures of the figures.
+are red spheres. The pictures are rendered off screen by PyVista if possible, and otherwise drawn by matplotlib. It
+takes some seconds, and some minutes at the paper's size. The output is the sizes of both meshes, how far the surface
+moved, inverted cells, and the pictures of the figures.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Deflect a flap.
 
 Flaps through 25 degrees either way, with a blended hinge and behind a gap, and a whole section through a full turn. A
-plain flap of a section with a boundary layer, one of an M6 wing over a part of its span, and one behind a gap in a mesh
-without structure turn about their hinges; an all-moving section goes by 180 degrees and beyond. It takes half a minute.
+plain flap of a section with a boundary layer, one of an M6 wing over a part of its span, and one behind a gap in an
+unstructured mesh turn about their hinges; an all-moving section turns by 180 degrees and more. It takes half a minute.
 The output is inverted cells, worst cells and the heights of the first cells at walls at every angle, and a picture.
 """
 

@@ -1,14 +1,14 @@
 """Section II.E: order on a grid family.
 
 Lift and drag on four members of a grid family, their order, and their limit on infinitely fine grids. All members have
-the same control points: what changes is the number of cells alone. It takes two minutes, with ``--quick`` some seconds,
-and a quarter of an hour at the paper's size. The output, for a wing and for a ball, is the coefficients on the
-members, their order of accuracy with its uncertainty, their limits, and a picture of them.
+the same control points: only the number of cells changes. It takes two minutes, with ``--quick`` some seconds, and a
+quarter of an hour at the paper's size. The output, for a wing and for a ball, is the coefficients on the members, their
+order of accuracy with its uncertainty, their limits, and a picture of them.
 
-The wing is one that an order can be expected of: its sections are those of Joukowski, of the same chord and ever
-thinner towards a sharp tip, on an O-grid whose lines are the images of circles and rays. There are no singular lines,
-and no corners but the edges themselves; and it is twisted so that its load dies out towards the tip, in the shape of a
-bell: a vortex over a loaded side edge is resolved ever more, and takes lift away at less than first order. H-H grids
+The wing is chosen so that an order can be expected: it has Joukowski sections of the same chord, ever thinner towards a
+sharp tip, on an O-grid whose lines are the images of circles and rays. There are no singular lines, and no corners
+except the edges. The wing is twisted so that its load vanishes towards the tip, in the shape of a bell: a vortex over a
+loaded side edge would be resolved better on every finer grid, and reduce the lift at less than first order. H-H grids
 have a singular line at the leading edge and the tip.
 
 L. Prandtl, "Über Tragflügel kleinsten induzierten Widerstandes", Z. Flugtech. Motorluftsch. 24 (1933), 305-306.

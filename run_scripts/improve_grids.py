@@ -1,9 +1,9 @@
 """Improve the worst cells of a grid.
 
-Raise the worst cells of ten grids of other people by moving interior control points at fixed surface. Patches are those
-that the files declare, and guessed ones where they declare none, as ``bspline-mdao inspect --draft`` writes them. It
-takes some minutes; the three smallest half a minute. The output is a row for each grid: Q and the smallest corner
-before and after, heights of first cells, what of its walls moved, and seconds.
+Improve the worst cells of ten grids of other projects by moving interior control points at fixed surface. Patches are
+declared by the files, or guessed where they declare none, as ``bspline-mdao inspect --draft`` writes them. It takes
+some minutes, and half a minute for the three smallest. The output is a row for each grid: Q and the smallest corner
+before and after, heights of first cells, how far its walls moved, and seconds.
 """
 
 from __future__ import annotations

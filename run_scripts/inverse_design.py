@@ -2,9 +2,9 @@
 
 Inverse design: from the M6 wing to another one whose grid is given, by more than 200 control-point variables. The wing
 to be found is the M6 with all its surface control points displaced at random, by up to a fifth of the distance between
-neighbours; its grid is made by the same chain. The optimiser sees distances of nodes alone. It takes a minute and a
+neighbours; its grid is made by the same chain. The optimiser only sees distances of nodes. It takes a minute and a
 half, and ten minutes at the paper's size. The output is the errors of the variables and of the nodes, how the
-optimisers went on, a check of the totals, and a picture of a section and the histories.
+optimisers converged, a check of the totals, and a picture of a section and the histories.
 """
 
 from __future__ import annotations

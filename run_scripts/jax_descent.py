@@ -1,11 +1,11 @@
 """Gradient descent in JAX.
 
-Gradient descent on the twist of a wing, against a flow model that is written in JAX. The flow model is forty lines: a
-horseshoe vortex for each strip of the wing, the angle of attack that gives the lift, and the induced drag in the
-Trefftz plane. It sees the nodes of the wing's edges in the grid, which `bspline_mdao.jax.grid` makes of the twist; the
-penalty on bad cells is a function of all nodes. One ``jax.grad`` differentiates all of it. The wing is the ONERA M6,
-and starts with a tip that is twisted up. It takes half a minute. The output is the span efficiency at the start and at
-the end, which the model flatters by some 2 % as it has few strips, the twist, the descent, and what the cells are like.
+Gradient descent on the twist of a wing, with a flow model written in JAX. The flow model is forty lines: a horseshoe
+vortex for each strip of the wing, the angle of attack that gives the lift, and the induced drag in the Trefftz plane.
+It sees the nodes of the wing's edges in the grid, which `bspline_mdao.jax.grid` makes from the twist; the penalty on
+bad cells is a function of all nodes. One ``jax.grad`` differentiates all of it. The wing is the ONERA M6, and starts
+with its tip twisted up. It takes half a minute. The output is the span efficiency at the start and at the end, which
+the model overestimates by some 2 % because it has few strips, the twist, the descent, and the quality of the cells.
 """
 
 from __future__ import annotations

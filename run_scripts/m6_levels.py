@@ -1,11 +1,11 @@
 """ONERA M6: few control points first.
 
-Sections of the ONERA M6 in three levels: few control points first, knots inserted where the gradient asks for them.
-Heights of both sides make the drag at fixed lift, volume and thickness least: by all control points from the start,
-along combinations that are even by displacements and by pressures, and in three levels along those of the pressures,
-each of which starts from the shape, the bounds and the second derivatives of the one before. It takes three minutes,
-with ``--quick`` half a minute. The output is flow and gradient solutions of the three ways until the drag is within 1,
-0.1 and 0.01 counts of the least that any finds, the knots, a check of the totals, and a picture of the histories and
+Sections of the ONERA M6 in three levels: few control points first, knots inserted where the gradient requires them.
+Heights of both sides minimise the drag at fixed lift, volume and thickness: with all control points from the start,
+along combinations that are even by displacements or by pressures, and in three levels along combinations by pressures,
+each of which starts from the shape, the bounds and the second derivatives of the previous one. It takes three minutes,
+with ``--quick`` half a minute. The output is flow and gradient solutions of the three methods until the drag is within
+1, 0.1 and 0.01 counts of the least that any finds, the knots, a check of the totals, and a picture of the histories and
 the points of the levels.
 """
 

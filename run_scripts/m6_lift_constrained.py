@@ -3,7 +3,7 @@
 Least drag of the ONERA M6 at fixed lift: sections, twist, chord and sweep, with thickness, volume and area kept. By the
 Euler equations, heights of control points are moved in combinations along which the pressures change evenly. It takes
 five minutes, with ``--quick`` a minute and with ``--flow vortex`` less. The output is forces and variables at the start
-and at the optima, the same on a finer grid that no optimiser saw, how the optimisers went on, a check of the totals,
+and at the optima, the same on a finer grid that no optimiser saw, how the optimisers converged, a check of the totals,
 and a picture of the wing, its load and the histories.
 """
 

@@ -1,10 +1,10 @@
 """ONERA M6: transonic drag.
 
 The ONERA M6 at M 0.8395: sections of least drag at fixed lift, volume and thickness; shocks before and after. The angle
-of attack is solved for with the flow, so that the lift is no constraint; planform and twist stay. The variables are
+of attack is solved for with the flow, so the lift is not a constraint; planform and twist stay. The variables are
 combinations of the heights of control points along which the pressures change evenly. It takes ten minutes, with
 ``--quick`` one. The output is drag, angle and the strongest shock at the start and at the optima, the same on a finer
-grid that no optimiser saw, how the optimisers went on, a check of the totals, and a picture of the sections, their
+grid that no optimiser saw, how the optimisers converged, a check of the totals, and a picture of the sections, their
 pressures and the histories.
 """
 

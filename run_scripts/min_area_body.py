@@ -1,11 +1,11 @@
 """From a cube to a ball.
 
-The body of least surface at a given volume: a cube becomes a ball. The analytic optimum is the ball, of area ``(36 pi
+The body of least area at a given volume: a cube becomes a ball. The analytic optimum is the ball, of area ``(36 pi
 V^2)^(1/3)``. Every control point of the cube's surface moves along the ray from the centre. No polyhedron has less area
-than the ball, so that the optimum on every grid lies above it, by an error of second order in the size of the quads
-until that of the splines is left. It takes half a minute, and some minutes at the paper's size. The output is the
-errors of the area on grids ever finer and their order, how the optimisers went on, a check of the totals, and a picture
-of the body, the errors and the histories.
+than the ball, so the optimum on every grid is above it, by an error of second order in the size of the quads until only
+the error of the splines is left. It takes half a minute, and some minutes at the paper's size. The output is the errors
+of the area on ever finer grids and their order, how the optimisers converged, a check of the totals, and a picture of
+the body, the errors and the histories.
 """
 
 from __future__ import annotations

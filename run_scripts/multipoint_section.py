@@ -2,8 +2,8 @@
 
 One section for two Mach numbers: least mean drag at a given lift, on one grid that moves for both flows. The section
 starts as the NACA 0012 at M 0.72 and 0.75 and a lift coefficient of 0.4. Both angles of attack are solved for with the
-flows, so that the lift is no constraint. It takes ten minutes, with ``--quick`` one. The output is drag and angle of
-both flows at the start and at the optima, the same on a finer grid that no optimiser saw, how the optimisers went on, a
+flows, so the lift is not a constraint. It takes ten minutes, with ``--quick`` one. The output is drag and angle of both
+flows at the start and at the optima, the same on a finer grid that no optimiser saw, how the optimisers converged, a
 check of the totals, and a picture of the section, its pressures and the histories.
 """
 

@@ -1,15 +1,15 @@
 """OpenFOAM: airfoil at high lift.
 
 Least drag of an airfoil at a high lift in turbulent flow, by OpenFOAM: needs ``simpleFoam`` on the PATH. On Debian
-``apt-get install openfoam`` brings it. The section starts as the NACA 0012 at a Reynolds number of 6e6 and a lift
-coefficient of 1, where the flow turns sharply round the nose. Heights of control points and the angle of attack are the
-variables. The section keeps its area and three quarters of its thickness everywhere, and its moment about the quarter
-chord is bounded, which limits the camber. Grid and driver are of bspline_mdao. Derivatives are forward differences of
-the totals, each of them a flow that starts from that of the design.
+``apt-get install openfoam`` installs it. The section starts as the NACA 0012 at a Reynolds number of 6e6 and a lift
+coefficient of 1, where the flow turns sharply around the nose. Heights of control points and the angle of attack are
+the variables. The section keeps its area and three quarters of its thickness everywhere, and its moment about the
+quarter chord is bounded, which limits the camber. Grid and driver are from bspline_mdao. Derivatives are forward
+differences of the totals, and each flow starts from the flow of the design.
 
-It takes a quarter of an hour, with ``--quick``, with fewer control points and evaluations, three minutes. The output
-is lift, drag, moment and y+ of the NACA 0012 and of the optimum, the same on a finer grid that the optimiser never
-saw, how the optimiser went on, and a picture of sections, pressures and the history.
+It takes a quarter of an hour, with ``--quick``, with fewer control points and evaluations, three minutes. The output is
+lift, drag, moment and y+ of the NACA 0012 and of the optimum, the same on a finer grid that the optimiser never saw,
+how the optimiser converged, and a picture of sections, pressures and the history.
 """
 
 from __future__ import annotations

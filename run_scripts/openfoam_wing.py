@@ -1,15 +1,15 @@
 """OpenFOAM: drag of a swept wing.
 
 Least drag of a swept wing at a given lift in turbulent flow, by OpenFOAM: needs ``simpleFoam`` on the PATH. On Debian
-``apt-get install openfoam`` brings it. The wing has a semi-span of three root chords, a taper of a half and a leading
+``apt-get install openfoam`` installs it. The wing has a semi-span of three root chords, a taper of a half and a leading
 edge that is swept by 20 degrees. It starts with NACA 0012 sections and no twist, at a Reynolds number of 3 million and
 a lift coefficient of 0.5. Angle of attack, twist and camber at stations are the variables; the volume stays as it is,
-since camber leaves thickness alone. Grid and driver are of bspline_mdao. Derivatives are forward differences of the
-totals, each of them a flow that starts from that of the design.
+because camber does not change the thickness. Grid and driver are from bspline_mdao. Derivatives are forward differences
+of the totals, and each flow starts from the flow of the design.
 
-It takes a quarter of an hour, with ``--quick`` some minutes, by wall functions on coarse grids. The output is
-lift, drag, twist, camber and y+ of the wing at the start and at the optimum, the same on a finer grid that no optimiser
-saw, how the optimiser went on, and a picture of pressures, twist, camber and the history.
+It takes a quarter of an hour, with ``--quick`` some minutes, by wall functions on coarse grids. The output is lift,
+drag, twist, camber and y+ of the wing at the start and at the optimum, the same on a finer grid that no optimiser saw,
+how the optimiser converged, and a picture of pressures, twist, camber and the history.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """A million nodes on several processes.
 
 Twist and camber of least induced drag of the M6 wing in a grid of a million nodes, on several processes. The lift is
-given, and so are a bound of the moment that turns the nose down and one of the worst cell. It runs as ``mpirun -n 2
-python run_scripts/parallel_wing.py``, or on one process. It takes a minute, and seconds with ``--quick``: 38 CPU
-seconds and 2.0 GB on one process, 36 and up to 1.9 GB on each of two, of which much is the movement, which one does
-while the other waits. The output is lift, drag and moment at the start and at the optimum, the nodes, CPU seconds and
-peak memory of each process, and how the optimiser ended.
+given, as are bounds of the nose-down moment and of the worst cell. It runs as ``mpirun -n 2 python
+run_scripts/parallel_wing.py``, or on one process. It takes a minute, and seconds with ``--quick``: 38 CPU seconds and
+2.0 GB on one process, 36 and up to 1.9 GB on each of two, much of it for the movement, which one does while the other
+waits. The output is lift, drag and moment at the start and at the optimum, the nodes, CPU seconds and peak memory of
+each process, and how the optimiser ended.
 """
 
 from __future__ import annotations

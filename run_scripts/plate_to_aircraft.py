@@ -1,11 +1,11 @@
 """From a flat plate to a wing.
 
 From a flat plate to an efficient wing without remeshing: span, sweep, chord, twist and sections. The plate of section
-IV.B has no thickness. The wing that is made of it holds a volume, and has a lift coefficient of 0.3 on the planform
-area of the plate. By the Euler equations, heights of control points are moved in combinations along which the pressures
+IV.B has no thickness. The wing made from it has a given volume, and has a lift coefficient of 0.3 on the planform area
+of the plate. By the Euler equations, heights of control points are moved in combinations along which the pressures
 change evenly. It takes three minutes, with ``--quick`` a minute and with ``--flow vortex`` less. The output is forces
-and variables at the start and at the optima, the same on a finer grid that no optimiser saw, how the optimisers went
-on, a check of the totals, and a picture of the wing, its load and the histories.
+and variables at the start and at the optima, the same on a finer grid that no optimiser saw, how the optimisers
+converged, a check of the totals, and a picture of the wing, its load and the histories.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Inverse design from pressures.
 
 Inverse design: the ONERA M6 from its pressures, by more than 100 control-point variables. The wing to be found is the
-M6 with smooth random bumps on both sides. The optimiser sees the pressure coefficients of the wall faces alone, and
-chooses combinations of the heights along all of which the objective is equally curved on the M6. It takes a minute,
-with ``--quick`` half of that, and many hours at the paper's size. The output is the errors of the heights and of the
-pressures, how the optimisers went on, a check of the totals, and a picture of a section, its pressures and the
+M6 with smooth random bumps on both sides. The optimiser only sees the pressure coefficients of the wall faces. Its
+variables are combinations of the heights along which the objective is equally curved on the M6. It takes a minute, with
+``--quick`` half of that, and many hours at the paper's size. The output is the errors of the heights and of the
+pressures, how the optimisers converged, a check of the totals, and a picture of a section, its pressures and the
 histories.
 """
 

@@ -1,12 +1,12 @@
 """Keep the grid valid by a constraint.
 
-A cube turned by 45 degrees: its grid tangles without the quality constraint, and does not with it. Every side of a cube
-is to lie in the plane of the same side of the cube turned about z. All control points of the surface are free, and
-nothing asks where in its plane a point is to be: points go straight to their planes and gather at one edge, where cells
-turn inside out. The objective reaches its known least value, zero, either way; with a lower bound of the corner triple
-products of all cells as a constraint it does so with a grid that can be used. It takes a minute, and more than an hour
-at the paper's size. The output is both optima with their inverted cells, a check of the totals, and a picture of the
-grids and the histories.
+A cube turned by 45 degrees: its grid tangles without the quality constraint, but not with it. Every side of a cube has
+to move to the plane of the same side of the cube turned about z. All control points of the surface are free, and
+nothing determines where in its plane a point has to be: points go straight to their planes and gather at one edge,
+where cells turn inside out. The objective reaches its known minimum, zero, either way. With a lower bound of the corner
+triple products of all cells as a constraint, it does so with a usable grid. It takes a minute, and more than an hour at
+the paper's size. The output is both optima with their inverted cells, a check of the totals, and a picture of the grids
+and the histories.
 """
 
 from __future__ import annotations

@@ -2,11 +2,11 @@
 
 An unstructured mesh about the ONERA M6 wing moves with the control mesh of a coarser structured grid. The mesh has
 twice the cells of the grid in each direction, other nodes, and layers at the wall a tenth as high; all its cells are
-wedges, also in the thin layers ahead of the wing and behind it, where there is no wall to follow. It is twisted, bent
-and swept, and the nodes of its wall are asked to be where the deformation puts them. It takes twenty seconds, and two
-minutes with ``--paper``. The output is inverted cells, heights of the first nodes at the wall by those before, how far
-the wall's nodes are from where they were asked to be, a check of the derivatives, and a picture of the mesh at a
-station before and after.
+wedges, also in the thin layers ahead of and behind the wing, where there is no wall to follow. It is twisted, bent and
+swept, and the nodes of its wall have to be where the deformation puts them. It takes twenty seconds, and two minutes
+with ``--paper``. The output is inverted cells, heights of the first nodes at the wall relative to the baseline, how far
+the wall's nodes are from where they have to be, a check of the derivatives, and a picture of the mesh at a station
+before and after.
 """
 
 from __future__ import annotations

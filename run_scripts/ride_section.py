@@ -1,12 +1,12 @@
 """A two-dimensional mesh follows a section.
 
-An SU2 mesh of two dimensions about NACA 0012 moves with the control mesh of a coarse section. The mesh has layers of
-quads at the airfoil, first cells of 2e-6 chords, and triangles with shifted nodes outside of them; the model is fitted
-to an O-grid of square cells, one deep between two planes of symmetry. The airfoil is pitched, thickened and stretched,
-and its nodes are asked to be where the deformation puts them; each mesh is written as the file was, with other
-coordinates. It takes five seconds. The output is inverted cells, heights of the first nodes by those before, how far
-the nodes of the airfoil are from where they were asked to be and the two copies of each node from each other, the lines
-of the file that differ beside those of nodes, a check of the derivatives, and a picture.
+A two-dimensional SU2 mesh about NACA 0012 moves with the control mesh of a coarse section. The mesh has layers of quads
+at the airfoil, first cells of 2e-6 chords, and triangles with shifted nodes outside of them; the model is fitted to an
+O-grid of square cells, one deep between two planes of symmetry. The airfoil is pitched, thickened and stretched, and
+its nodes have to be where the deformation puts them; each mesh is written as the file was, with other coordinates. It
+takes five seconds. The output is inverted cells, heights of the first nodes relative to the baseline, how far the nodes
+of the airfoil are from where they have to be and the two copies of each node from each other, the lines of the file
+that differ other than those of nodes, a check of the derivatives, and a picture.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Movers compared on drastic deformations.
 
-Drastic changes of shape by every mover: how often no cell inverts, and how good the worst cell is. It takes two minutes
-on two small canonical grids, and hours at the paper's size on real grids. The output is a table with a row for each
-mover, of all grids, of the canonical and of the real ones, by deformation and by grid, and the cases that the first
-mover loses and others do not.
+Drastic changes of shape by every mover: how often no cell is inverted, and how good the worst cell is. It takes two
+minutes on two small canonical grids, and hours at the paper's size on real grids. The output is a table with a row for
+each mover, of all grids, of the canonical and of the real ones, by deformation and by grid, and the cases that the
+first mover loses and others do not.
 """
 
 from __future__ import annotations

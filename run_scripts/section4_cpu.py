@@ -1,15 +1,15 @@
 """Section IV: CPU times of the movers.
 
-CPU times of the B-spline mover and of the node-based one, in one run. Both move with five increments of linear
+CPU times of the B-spline mover and the node-based mover, in one run. Both move with five increments of linear
 elasticity, each on a sequence of ever finer meshes: control meshes up to the one that is used, and members of the grid
 family up to the largest that the time allows. Both are solved in two ways, by the paper's conjugate gradients
-preconditioned with ILU(p) and by sparse Cholesky factors; where petsc4py is installed also by conjugate gradients
-preconditioned with hypre's multigrid, with which all nodes of the grid are moved. What another solver would take there
-is extrapolated from the measured growth, and marked as such.
+preconditioned with ILU(p) and by sparse Cholesky factors; if petsc4py is installed also by conjugate gradients
+preconditioned with hypre's multigrid, with which all nodes of the grid are moved. The time of another solver there is
+extrapolated from the measured growth, and marked as such.
 
 Process time on one thread, meshes and movers in turn; finding the unknowns and the order of elimination counts. It
-takes half a minute, and an hour and a half at the paper's size. The output is all times, the ratio of the two
-movers beside that of the paper, and a picture of the growth.
+takes half a minute, and an hour and a half at the paper's size. The output is all times, the ratio of the two movers
+next to the paper's, and a picture of the growth.
 """
 
 from __future__ import annotations

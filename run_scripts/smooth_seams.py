@@ -1,13 +1,12 @@
 """Smooth seams between patches.
 
-A ball that swells on one of its six sides: with and without one tangent plane across the seams around it. The body of
-least surface is asked for at a larger volume, where only the control points inside of one side may move. Without a
-constraint the side becomes a cap on the ball, as a soap film on a ring, with a kink all around. With linear equations
-among control points the seams follow and stay smooth: nearly, where the points on them alone follow, and all along them
-where some of those beside them do as well. Bounds keep the curvature from jumping there. It takes some fifteen seconds.
-The output is kinks and curvatures across the seams before and after, areas, a check of the totals, STEP files of all
-bodies with what OpenCascade reads back, where it is installed, and a picture of the section and of kinks and jumps
-along the seams.
+A ball that swells on one of its six sides: with and without one tangent plane across the seams around it. The body has
+least area at a larger volume, and only the control points inside one side may move. Without a constraint the side
+becomes a cap on the ball, like a soap film on a ring, with a kink all around. With linear equations among control
+points the seams follow and stay smooth: nearly, if only the points on them follow, and all along them if some of the
+adjacent points follow too. Bounds keep the curvature from jumping there. It takes some fifteen seconds. The output is
+kinks and curvatures across the seams before and after, areas, a check of the totals, STEP files of all bodies with what
+OpenCascade reads back, if it is installed, and a picture of the section and of kinks and jumps along the seams.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """A surrogate with gradients.
 
-A surrogate of designs, by kriging with values and gradients, which SMT makes of a file of designs.
-`bspline_mdao.sampling` makes wings of a plan, as it does for networks: here the ONERA M6 with other twist, and a file
-of the bound of the Q of their cells. Totals of the problem give the gradients of each. The surrogate is SMT's
-gradient-enhanced kriging with partial least squares; it is compared, on designs that it has not seen, with the one that
-is made of values alone. It takes half a minute. The output is the errors of both, relative to the range of what they
-are of.
+A surrogate of designs, by kriging with values and gradients, which SMT makes from a file of designs.
+`bspline_mdao.sampling` makes wings from a plan, as it does for networks: here the ONERA M6 with different twists, and a
+file of the bound of the Q of their cells. Totals of the problem give the gradients of each. The surrogate is SMT's
+gradient-enhanced kriging with partial least squares; it is compared, on designs that it has not seen, with one made
+only from values. It takes half a minute. The output is the errors of both, relative to the range of the values.
 
 M. A. Bouhlel and J. R. R. A. Martins, "Gradient-enhanced kriging for high-dimensional problems", Engineering with
 Computers 35, 2019.

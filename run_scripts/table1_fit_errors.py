@@ -2,10 +2,10 @@
 
 Errors between the initial grids and their B-spline fits, for the ONERA M6 wing and the blended-wing body. The paper's
 grids were never published. These are grids of the same topology, counts and spacings; the grid of the blended-wing body
-is the one about the flat plate that the optimisation starts from.
+is the grid about the flat plate from which the optimisation starts.
 
-It takes some seconds, and a minute at the paper's size. The output is the table beside the paper's, without and
-with correction of the parameters, and pictures of the grids and of the distribution of the errors.
+It takes some seconds, and a minute at the paper's size. The output is the table next to the paper's, without and with
+correction of the parameters, and pictures of the grids and of the distribution of the errors.
 """
 
 from __future__ import annotations

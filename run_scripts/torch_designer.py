@@ -1,11 +1,11 @@
 """A network that designs wings, in PyTorch.
 
-A small network that proposes wings, trained in PyTorch through the grid, with and without regard to its cells. The
-network is asked for a volume and for how high the leading edge of the tip is to be, by those of the ONERA M6, and
-answers with twist, dihedral and factors of the thickness. The loss is how far `bspline_mdao.torch.measures` and nodes
-of `bspline_mdao.torch.grid` are from what is asked; one network is trained with the bound of the cells' corner triple
+A small network that proposes wings, trained in PyTorch through the grid, with and without regard to its cells. A
+request to the network is a volume and a height of the leading edge of the tip, relative to the ONERA M6, and it answers
+with twist, dihedral and factors of the thickness. The loss is how far `bspline_mdao.torch.measures` and nodes of
+`bspline_mdao.torch.grid` are from the request; one network is trained with the bound of the cells' corner triple
 products of `bspline_mdao.torch.quality` as well, the other one without. Requests go beyond what the grid can follow. It
-takes a minute. The output, of requests that neither has seen, is errors of the volume, the smallest bound of the
+takes a minute. The output, for requests that neither has seen, is errors of the volume, the smallest bound of the
 cells, and how many proposals have inverted cells.
 """
 

@@ -1,7 +1,7 @@
 """Transonic flow about the NACA 0012.
 
 Flow with shocks: the section NACA 0012 at 1.25 degrees, subcritical at Mach 0.5 and transonic at Mach 0.8. It takes
-half a minute, with ``--quick`` some seconds, and some minutes at the paper's size. The output is lift and drag beside
+half a minute, with ``--quick`` some seconds, and some minutes at the paper's size. The output is lift and drag next to
 the literature's, how both flows converged, the derivatives of the lift by the adjoint, and a picture of the pressures,
 the Mach numbers and the histories.
 """

@@ -1,12 +1,12 @@
 """A turbine passage with periodic sides.
 
-One passage of a blade row, between two sides that a rotation lays onto each other, is given another blade and hub. The
-mesh of hexahedra is one sector of a wheel, from the hub to the casing, around one blade; its sides follow the camber
-line. A lattice around the axis moves it: the blade is twisted, leaned and made thicker, the hub rises between the
-blades, the casing sinks, and all of these at once. Hub and casing end on both sides, which move alike, so that nodes on
-them still lie on each other when the sector is turned by its angle. It takes ten seconds, and half a minute with
-``--paper``. The output is gaps between the sides, inverted cells, smallest volumes and heights of the first nodes by
-those before, a check of the derivatives, and a picture.
+One passage of a blade row, between two sides that a rotation maps onto each other, gets another blade and hub. The mesh
+of hexahedra is one sector of a wheel, from the hub to the casing, around one blade; its sides follow the camber line. A
+lattice around the axis moves it: the blade is twisted, leaned and made thicker, the hub rises between the blades, the
+casing sinks, and all of these at once. Hub and casing end on both sides, which move in the same way, so nodes on them
+still coincide when the sector is turned by its angle. It takes ten seconds, and half a minute with ``--paper``. The
+output is gaps between the sides, inverted cells, smallest volumes and heights of the first nodes relative to the
+baseline, a check of the derivatives, and a picture.
 """
 
 from __future__ import annotations

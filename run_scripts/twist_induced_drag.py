@@ -1,11 +1,11 @@
 """ADODG 3: twist of least induced drag.
 
 Twist of least induced drag of a rectangular wing of aspect ratio 6: case 3 of the ADODG. The wing has NACA 0012
-sections and a semi-span of 3 chords, and flies at M 0.5 and a lift coefficient of 0.375. An elliptical load has an
-induced drag of 0.00746. It takes five minutes by the Euler equations, with ``--quick`` or ``--flow vortex`` less, and
-many hours at the paper's size. The output is lift, induced drag and twist at the start and at the optima, the same on a
-finer grid that no optimiser saw, how the optimisers went on, a check of the totals, and a picture of the wing, its load
-and the histories.
+sections and a semi-span of 3 chords, at M 0.5 and a lift coefficient of 0.375. An elliptical load has an induced drag
+of 0.00746. It takes five minutes by the Euler equations, with ``--quick`` or ``--flow vortex`` less, and many hours at
+the paper's size. The output is lift, induced drag and twist at the start and at the optima, the same on a finer grid
+that no optimiser saw, how the optimisers converged, a check of the totals, and a picture of the wing, its load and the
+histories.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Validation: ONERA M6.
 
-The ONERA M6 wing at Mach 0.8395 and 3.06 degrees, beside measured pressures and another Euler solver. It takes some
-minutes, with ``--quick`` half a minute, and half an hour at the paper's size. The output is lift and drag on two grids,
-how far the pressures are from those measured at seven stations along the span, where a file has them, and a picture of
-both.
+The ONERA M6 wing at Mach 0.8395 and 3.06 degrees, compared with measured pressures and another Euler solver. It takes
+some minutes, with ``--quick`` half a minute, and half an hour at the paper's size. The output is lift and drag on two
+grids, how far the pressures are from the measured ones at seven stations along the span, if a file has them, and a
+picture of both.
 """
 
 from __future__ import annotations

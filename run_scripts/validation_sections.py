@@ -1,10 +1,10 @@
 """Validation: NACA 0012.
 
-NACA 0012 at 1.25 degrees, Mach 0.5 and 0.8, beside what others found. It takes a minute or two, with ``--quick`` some
-seconds, and a quarter of an hour at the paper's size. The output is lift and drag on three O-grids of the kind that
-Vassberg and Jameson used and on three H-H grids of this project, their orders and limits, the same on grids of CFL3D
-and MACH-Aero where the environment names the folder that has them, and a picture of pressures and of lift and drag over
-the cells, with published values.
+NACA 0012 at 1.25 degrees, Mach 0.5 and 0.8, compared with published results. It takes a minute or two, with ``--quick``
+some seconds, and a quarter of an hour at the paper's size. The output is lift and drag on three O-grids of the kind
+that Vassberg and Jameson used and on three H-H grids of this project, their orders and limits, the same on grids of
+CFL3D and MACH-Aero if the environment names the folder that has them, and a picture of pressures and of lift and drag
+over the cells, with published values.
 """
 
 from __future__ import annotations

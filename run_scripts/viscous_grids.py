@@ -1,8 +1,8 @@
 """Boundary-layer grids, deformed drastically.
 
-Grids with boundary layers through drastic changes of shape: what inverts, and how high the first cells are then. It
+Grids with boundary layers through drastic changes of shape: inverted cells, and the heights of the first cells. It
 takes half a minute on a small section, and an hour for all grids of ``--paper``. The output is a row for each grid,
-deformation and way to move it: inverted cells, Q, and heights of the first cells relative to those before; a summary, a
+deformation and way to move it: inverted cells, Q, and heights of the first cells relative to the baseline; a summary, a
 table of comma-separated values, and pictures of the cells at the edges of walls.
 """
 

@@ -1,10 +1,10 @@
 """Boundary-layer grids: common deformations.
 
-Moves as users make them on grids with boundary layers, beside what IDWarp made of the same wall nodes. It takes half a
-minute on a small section, and a quarter of an hour for all grids of ``--paper``. Wall nodes are given: by named
-deformations, rigid rotations, a local bump, smooth noise of a lattice, a flap behind a sharp hinge, and an upper side
-that is raised by itself. The output is a row for each grid, motion and way to move it: newly inverted cells, Q, heights
-of the first cells by those before, and CPU seconds of one design; with ``--recorded`` beside figures that were recorded
+Common moves of grids with boundary layers, compared with IDWarp for the same wall nodes. It takes half a minute on a
+small section, and a quarter of an hour for all grids of ``--paper``. Wall nodes are given: by named deformations, rigid
+rotations, a local bump, smooth noise of a lattice, a flap behind a sharp hinge, and an upper side that is raised on its
+own. The output is a row for each grid, motion and way to move it: newly inverted cells, Q, heights of the first cells
+relative to the baseline, and CPU seconds of one design; with ``--recorded`` next to figures that were recorded
 elsewhere.
 """
 

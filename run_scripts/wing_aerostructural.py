@@ -2,7 +2,7 @@
 
 Least fuel burn of a flexible wing: twist of the regenerated wing and thickness of OpenAeroStruct's tubular spar. It
 takes half a minute, and an hour at the paper's size. The output is fuel, mass and centre of lift at the start and at
-the optima, how the optimisers went on, a check of the totals, and a picture of span load, twist and spar.
+the optima, how the optimisers converged, a check of the totals, and a picture of span load, twist and spar.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Wing and fuselage in a tetrahedral mesh.
 
-A wing with a fuselage in tetrahedra, moved and optimised from nothing but its SU2 file. Gmsh makes the mesh of half the
-aircraft. From then on there is the file alone: its markers say what is a wall and where the plane of symmetry is. The
-wing is twisted, bent and swept, and the fuselage widened. Then the chords and sections of the wing are found that hold
-the largest volume at the planform area and the wetted area of the baseline, no section much thinner or thicker than it
-was. It takes half a minute, and four minutes with ``--paper``. The output is inverted cells and smallest volumes by
-those before, the optimum, a check of the totals, pictures, and SU2 files.
+A wing with a fuselage in tetrahedra, moved and optimised from its SU2 file only. Gmsh makes the mesh of half the
+aircraft. From then on only the file is used: its markers say what is a wall and where the plane of symmetry is. The
+wing is twisted, bent and swept, and the fuselage widened. Then the chords and sections of the wing are optimised for
+the largest volume at the planform area and the wetted area of the baseline, with no section much thinner or thicker
+than it was. It takes half a minute, and four minutes with ``--paper``. The output is inverted cells and smallest
+volumes relative to the baseline, the optimum, a check of the totals, pictures, and SU2 files.
 """
 
 from __future__ import annotations

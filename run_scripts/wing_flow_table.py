@@ -3,7 +3,7 @@
 Lift and drag of wings at Mach 0.3 by the Euler equations, by a vortex lattice and by other codes, in one table. It
 takes some minutes, with ``--quick`` half a minute, and an hour at the paper's size. The rectangular wing needs the grid
 ``hh_naca0012_12blocks.xyz`` in the folder that ``BSPLINE_MDAO_GRIDS`` names, and is skipped without it. The output is
-the coefficients of each wing by every code that is there, and a picture of the pressures and of drag over lift.
+the coefficients of each wing by every available code, and a picture of the pressures and of drag over lift.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
 """A wing slides along a fuselage.
 
-A wing that slides along a fuselage, turns and rises on it, and finds the place where it is trimmed. The fuselage is a
-cylinder, with an H-H grid about a wing mapped onto it: the middle of the plane of symmetry of the wing alone becomes
-the upper half of the cylinder by Joukowski's map, and the rest stays that plane. A lattice moves the grid as a mesh.
-The wing slides by its chord to and fro, is twisted by 10 degrees and gets a dihedral of 10, with its root on the
-fuselage. Then its place and the twist of its tip are found that have the least induced drag by a vortex lattice at a
-lift coefficient of 0.4, with no moment about a point that stays. The lattice ends at the fuselage, as if that were a
-gap, and its load falls off there. It takes half a minute, and some minutes with ``--paper``. The output is inverted
-cells, distances from the fuselage, heights at walls and smallest volumes by those before; the optimum, a check of the
-totals, and a picture.
+A wing slides along a fuselage, turns and rises on it, and finds its trimmed position. The fuselage is a cylinder, with
+an H-H grid about a wing mapped onto it: the middle of the symmetry plane of the wing on its own becomes the upper half
+of the cylinder by Joukowski's map, and the rest stays in this plane. A lattice moves the grid as a mesh. The wing
+slides by its chord to and fro, is twisted by 10 degrees and gets a dihedral of 10, with its root on the fuselage. Then
+its position and the twist of its tip are optimised for the least induced drag by a vortex lattice at a lift coefficient
+of 0.4, with no moment about a fixed point. The lattice ends at the fuselage, as if that were a gap, and its load falls
+off there. It takes half a minute, and some minutes with ``--paper``. The output is inverted cells, distances from the
+fuselage, heights at walls and smallest volumes relative to the baseline; the optimum, a check of the totals, and a
+picture.
 """
 
 from __future__ import annotations

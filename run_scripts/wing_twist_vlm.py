@@ -1,9 +1,9 @@
 """Twist and planform with OpenAeroStruct.
 
 Twist and planform of least induced drag at fixed lift: the regenerated wing in OpenAeroStruct's vortex lattice. It
-takes a minute, and some hours at the paper's size. The output, for the twist of a rectangular wing, for its chord
-and for the twist of a swept and tapered wing, is the span efficiencies beside Munk's optimum, how the optimisers went
-on, a check of the totals, and a picture of loads, twists and planforms.
+takes a minute, and some hours at the paper's size. The output, for the twist of a rectangular wing, for its chord and
+for the twist of a swept and tapered wing, is the span efficiencies next to Munk's optimum, how the optimisers
+converged, a check of the totals, and a picture of loads, twists and planforms.
 """
 
 from __future__ import annotations
