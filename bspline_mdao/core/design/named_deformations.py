@@ -53,6 +53,7 @@ __all__ = [
     "Request",
     "parse_deformation",
     "parse_requests",
+    "plane_warnings",
     "read_points",
     "section_warnings",
     "stream_warnings",
@@ -72,6 +73,9 @@ _STEEPEST = 1.5
 
 _STREAMWISE = RotateSections, Pitch, ShearDownstream
 """Maps whose signs depend on which end of the surface is upstream."""
+
+_OUT_OF_PLANE = 1e-3
+"""Displacement across a plane of symmetry, relative to the surface, that is warned of."""
 
 _SPANWISE = {RotateSections: "twist", Bend: "bend", ShearDownstream: "sweep", ShearUpwards: "dihedral"}
 """Maps that differ along the span, and their names."""
@@ -139,6 +143,23 @@ def stream_warnings(deformation: Deformation, model: Any) -> tuple[str, ...]:
     walls = SurfaceGrid.of(model, designed_patches(model, deformation.mesh) or None)
     why = why_backwards(walls.points, walls.quads, surface_frame(walls.points, walls.planes))
     return (f"{why}; turn the mesh, or change the signs of twist, pitch and sweep",) if why else ()
+
+
+def plane_warnings(deformation: Deformation, unit: str) -> tuple[str, ...]:
+    """Warnings of a deformation that would take points of the surface out of their planes of symmetry."""
+    mesh, maps = deformation.mesh, deformation.maps
+    rows = mesh.in_plane_rows
+    if not len(rows) or any(isinstance(point_map, PrescribedPoints) for point_map in maps):  # these are refused
+        return ()
+    points = mesh.points[mesh.surface_ids]
+    change = reduce(lambda at, point_map: point_map.apply(at), maps, points) - points
+    off = float(np.abs(np.sum(change[rows] * mesh.in_plane_normals, axis=1)).max())
+    if off <= _OUT_OF_PLANE * float(np.ptp(points, axis=0).max()):
+        return ()
+    return (
+        f"the deformation would take points out of their plane of symmetry, by up to {off:.3g} {unit}; they stay in "
+        f"it, and the others move as asked",
+    )
 
 
 def section_warnings(deformation: Deformation) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...core.design.deformation import Deformation
-from ...core.design.named_deformations import section_warnings, stream_warnings
+from ...core.design.named_deformations import plane_warnings, section_warnings, stream_warnings
 
 __all__ = ["Remarks", "still_lines"]
 
@@ -24,8 +24,9 @@ class Remarks:
     @classmethod
     def of(cls, deformation: Deformation, model: Any, is_section: bool = False) -> Remarks:
         """Remarks on a deformation of a fitted grid or mesh, whose walls may be a section, the same along the span."""
+        across = plane_warnings(deformation, model.length_unit)
         along_span = section_warnings(deformation) if is_section else ()
-        return cls(deformation.notes, (*stream_warnings(deformation, model), *along_span))
+        return cls(deformation.notes, (*stream_warnings(deformation, model), *across, *along_span))
 
 
 def still_lines(

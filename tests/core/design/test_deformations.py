@@ -25,7 +25,7 @@ from bspline_mdao.core.design.deformation import (
 )
 from bspline_mdao.core.design.hinge import NearestPart, RotatedPart
 from bspline_mdao.core.design.lattice_deformation import LatticeDeformation
-from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints, stream_warnings
+from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints, plane_warnings, stream_warnings
 from bspline_mdao.core.design.section_maps import SCALED_AFTER_TURN
 from bspline_mdao.core.mesh.frame import Frame, Plane, mesh_planes, surface_frame
 from bspline_mdao.design import Lattice, parse_deformation
@@ -319,6 +319,21 @@ def test_a_lattice_deforms_as_its_points_move_from_one_file_to_the_other(model, 
     moved.write_text(moved.read_text().replace("4 2 3", "2 4 3"))
     with pytest.raises(InputError, match=r"moved.xyz: has \(2, 4, 3\) points, and .*box.xyz has \(4, 2, 3\)"):
         parse_deformation(f"ffd={box},to={moved}", model, mesh)
+
+
+def test_a_root_that_would_leave_its_plane_is_warned_of(model, mesh):
+    (warning,) = plane_warnings(parse_deformation("translate=0/0/0.5", model, mesh), "m")
+    assert warning.startswith("the deformation would take points out of their plane of symmetry, by up to 0.5 m; they")
+    for text in (
+        "twist=5",
+        "sweep=10",
+        "dihedral=10",
+        "bend=90deg@0.5",
+        "stretch=2",
+        "translate=0.1/0.1/0",
+        "bumps=0.02",
+    ):
+        assert plane_warnings(parse_deformation(text, model, mesh), "m") == ()
 
 
 def test_a_surface_that_flies_backwards_is_warned_of_where_the_stream_matters(model, mesh):
