@@ -1,5 +1,7 @@
 """Recorded optimisations tell how they went on, in units of the driver, whatever the driver; histories draw that."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import openmdao.api as om
 import pytest
@@ -134,12 +136,27 @@ def test_histories_are_drawn_as_they_were_recorded(runs, tmp_path):
     assert optimality.get_yscale() == "log"
     found = [line for line in optimality.lines if line.get_label().endswith("optimality")]
     assert len(found) == 2
-    assert sum(line.get_label().endswith("violation") for line in optimality.lines) >= 1  # SciPy's never violates it
     for line, run in zip(found, runs.values()):
         np.testing.assert_array_equal(line.get_xdata(), run.convergence.differentiated)
         np.testing.assert_allclose(line.get_ydata()[0], 1.0)
     least = min(np.min(line.get_ydata()) for line in found)
     assert 0.1 * least < optimality.get_ylim()[0] <= least  # no decades without a curve
+
+
+@pytest.mark.parametrize("size", [1e-2, 1e-9])
+def test_violations_are_drawn_and_named_where_they_are_seen(size, tmp_path):
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    violations = {"first": size * np.array([1.0, 0.4, 0.0]), "second": np.zeros(3)}
+    same = {"residuals": np.array([3.0, 0.02, 1e-5]), "differentiated": [0, 1, 2]}
+    found = {name: SimpleNamespace(violations=each, **same) for name, each in violations.items()}
+    runs = {name: SimpleNamespace(convergence=each) for name, each in found.items()}
+    with figure(tmp_path, "optimality", (2.0, 2.0)) as canvas:
+        draw_optimality(axes := canvas.subplots(), runs)
+    is_seen = size > axes.get_ylim()[0]
+    assert is_seen == (size == 1e-2)
+    drawn = [line.get_label() for line in axes.lines if line.get_label().endswith("violation")]
+    assert drawn == (["first: violation"] if is_seen else [])
+    assert axes.get_ylabel().endswith("violation") == is_seen
 
 
 def walled_problem():
