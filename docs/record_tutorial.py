@@ -1,6 +1,6 @@
 """Run the commands of the tutorial, in order, and write what they print beside its scripts, where the page shows it.
 
-``python docs/record_tutorial.py`` writes the files anew; a test compares them with what is printed now.
+``python docs/record_tutorial.py`` rewrites the files; a test compares them with what is printed now.
 """
 
 from __future__ import annotations

@@ -94,7 +94,7 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
 
 
 def adapt_hh_section(search: dict) -> dict:
-    """Adapt an H-H grid about the section to drag and lift; their limits are those of two members."""
+    """Adapt an H-H grid about the section to drag and lift; their limits are from two members."""
     grid = bm.generators.infinite_wing_grid(
         bm.generators.naca_section(0.12, extended=True),
         HH,

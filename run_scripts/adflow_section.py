@@ -35,13 +35,13 @@ MACH, REYNOLDS, LIFT, ALPHA = 0.73, 6.5e6, 0.5, 2.9
 """Conditions, and the angle of attack at the start (deg)."""
 
 THINNEST, PLACES = 0.9, (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
-"""What must be left of the thickness at these parts of the chord, relative to that of the NACA 0012."""
+"""Lower bounds of the thickness at these parts of the chord, relative to the NACA 0012's."""
 
 CORNERS, HEIGHT = [[0.0, -0.07, 0.0], [1.0, 0.07, 1.0]], 0.01
 """Of the lattice, and the unit of the heights of its points (chords)."""
 
 DRAG, FINER = 0.01, 1.5
-"""Unit of the objective, and the cells per direction of the finer grid by those of the grid."""
+"""Unit of the objective, and the cells per direction of the finer grid relative to the grid's."""
 
 SIZES = {"quick": (48, 32, 25), "default": (96, 48, 40), "paper": (192, 104, 60)}
 """Cells around the section and away from it, and iterations at most."""
@@ -62,7 +62,7 @@ class Warped(ADflowBuilder):
         super().__init__(options, restart_failed_analysis=True, write_solution=False)
 
     def initialize(self, comm):
-        """Write the grid, start ADflow on it and find its nodes among those of the model."""
+        """Write the grid, start ADflow on it and find its nodes in the model."""
         if comm.rank == 0:
             bm.write_grid(self.grid, self.model.regenerate())
         comm.barrier()
@@ -179,7 +179,7 @@ def main(
 
 
 def at_lift(problem: om.Problem) -> dict:
-    """Find the angle of attack (deg) of the lift, and tell what the flow is there."""
+    """Find the angle of attack (deg) of the lift, and return the numbers of the flow there."""
 
     def miss(alpha: float) -> float:
         problem.set_val("alpha", alpha, units="deg")

@@ -38,7 +38,7 @@ CHORD = 0.75
 """Mean chord; times the semi-span it is the area of the half wing that the grid shows."""
 
 MACH, REYNOLDS, LIFT, ALPHA = 0.5, 5e6, 0.4, 5.0
-"""Conditions, the Reynolds number that of the root chord, and the angle of attack at the start (deg)."""
+"""Conditions, with the Reynolds number of the root chord, and the angle of attack at the start (deg)."""
 
 STATIONS = (0.0, 0.5, 1.0)
 """Along the span, from root to tip, of twist and camber; at the root the angle of attack is the twist."""
@@ -57,7 +57,7 @@ SIZES = {
 """Nodes of the rows of blocks along the stream, away from the wing and along the span; iterations at most."""
 
 FINER = 1.3
-"""Cells per direction of the finer grid by those of the grid."""
+"""Cells per direction of the finer grid relative to the grid's."""
 
 SOLVER = {"equationType": "RANS", "liftIndex": 2, "MGCycle": "sg", "nCycles": 10000, "forcesAsTractions": False} | {
     **{"useNKSolver": True, "NKSwitchTol": 1e-4, "L2Convergence": 1e-12, "adjointL2Convergence": 1e-10},
@@ -75,7 +75,7 @@ class Warped(ADflowBuilder):
         super().__init__(options, restart_failed_analysis=True, write_solution=False)
 
     def initialize(self, comm):
-        """Write the grid, start ADflow on it and find its nodes among those of the model."""
+        """Write the grid, start ADflow on it and find its nodes in the model."""
         if comm.rank == 0:
             bm.write_grid(self.grid, self.model.regenerate())
         comm.barrier()
@@ -185,7 +185,7 @@ def main(
 
 
 def at_lift(problem: om.Problem) -> dict:
-    """Find the angle of attack (deg) of the lift, and tell what the flow and the wing are there."""
+    """Find the angle of attack (deg) of the lift, and return the numbers of flow and wing there."""
 
     def miss(alpha: float) -> float:
         problem.set_val("alpha", alpha, units="deg")

@@ -74,7 +74,7 @@ def make_model(n_along: int, n_away: int, n_control) -> bm.FittedModel:
 
 
 def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Problem:
-    """Pose the problem: heights of control points above those of the NACA 0012, but for both ends. Not yet set up.
+    """Pose the problem: heights of control points above the NACA 0012's, except at both ends. Not yet set up.
 
     Without combinations of the heights, they are inputs.
     """
@@ -149,7 +149,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
 
 
 def summary(model: bm.FittedModel, combinations: np.ndarray, found: om.Problem) -> dict:
-    """Tell the drag of a design, its heights and their lowest, and its drag in other flows.
+    """Return the drag of a design, its heights and their lowest, and its drag in other flows.
 
     These are ``cold``, on the same grid from the uniform stream, and ``finer``, on a finer member of the family: from
     the flow of the design, and cold. Drag is nan where none is found.

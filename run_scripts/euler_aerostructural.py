@@ -20,7 +20,7 @@ from bspline_mdao.scripts import run
 from bspline_mdao.testing import check_totals
 
 SIZES = {False: (9, 7, 6), True: (17, 17, 13)}
-"""Nodes of every block along the chord, the span and off the wall; and those of the finer wing (True)."""
+"""Nodes of every block along the chord, the span and off the wall; and of the finer wing (True)."""
 
 AREA = 0.753
 """Of the half wing (m^2)."""
@@ -107,7 +107,7 @@ def fly(problem: om.Problem, pressure: float) -> dict:
 
 
 def main(fine: bool = False, figures=None) -> dict:
-    """Fly the wing at rising dynamic pressures, and check the totals at the last.
+    """Solve the wing at rising dynamic pressures, and check the totals at the last.
 
     Parameters
     ----------

@@ -128,7 +128,7 @@ def draw_body(panels, model: bm.FittedModel, nodes: np.ndarray, pressures: np.nd
 
 
 def draw_sections(axes, quads: np.ndarray, pressures: np.ndarray, other) -> None:
-    """Draw pressures along sections, those of OpenFOAM with dots."""
+    """Draw pressures along sections, OpenFOAM's with dots."""
     for place, color in PLACES.items():
         draw_pressures(axes, quads, pressures, place, color=color, linewidth=1.0, label=f"$z$ = {place:g} m")
         if other is not None:

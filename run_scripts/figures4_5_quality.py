@@ -103,7 +103,7 @@ def move(mesh, surface: np.ndarray, solver, finish) -> tuple[np.ndarray, bm.Grid
 
 
 def measure(before: bm.Grid, after: bm.Grid) -> dict:
-    """Tell of the cells of a moved grid: extremes, the distribution of Q on [0, 1], its first bin and first peak."""
+    """Describe the cells of a moved grid: extremes, the distribution of Q on [0, 1], its first bin and first peak."""
     report = report_quality(GridQuality.of_baseline(before), after.to_vector().reshape(-1, 3), N_BINS)
     density, names = report.histogram.density, ("n_cells", "n_inverted", "min_corner", "q_min", "q_mean")
     peak = lowest_peak(density)

@@ -30,7 +30,7 @@ from bspline_mdao.plotting import BLUE, GREEN, ORANGE, PURPLE, figure
 from bspline_mdao.scripts import pick_size, run
 
 FACTORS = (2 / 3, 1.0, 3 / 2, 9 / 4)
-"""Cells per direction of the members, relative to those of the sizes below."""
+"""Cells per direction of the members, relative to the sizes below."""
 
 COEFFICIENTS = {
     "CL": ("$C_L$", BLUE),
@@ -55,7 +55,7 @@ WING_SIZES = {"quick": (16, 12, 6, 2), "default": (48, 36, 12, 6), "paper": (60,
 """Cells around the wing, off it, along the half span, and beyond the tip."""
 
 FINENESS = {"wing": 2, "ball": 1}
-"""Cells per direction of the grids that are fitted, relative to those of the sizes: splines waver between the nodes of
+"""Cells per direction of the grids that are fitted, relative to the sizes: splines waver between the nodes of
 a fitted grid, by which members with nodes in other places would differ."""
 
 SEMI_SPAN, THICKNESS, FAR = 3.0, 0.09, (16.0, 12.0)
@@ -178,7 +178,7 @@ def study(name: str, model: bm.FittedModel, iprint: int) -> dict:
 class Convergence(NamedTuple):
     """Order of accuracy and the limit at spacing 0; None where the values do not approach one from one side.
 
-    Each uncertainty is the difference to what the finest three members alone tell, None where they tell nothing.
+    Each uncertainty is the difference to the result of only the finest three members, None if they give none.
     """
 
     order: float | None

@@ -33,7 +33,7 @@ GRIDS = {
     "mach_naca0012.cgns": (),
     "cfl3d_naca0012_cgrid.fmt": (),
 }
-"""The grids, and the patches of each that slide in their planes, beside symmetry planes."""
+"""The grids, and the patches of each that slide in their planes, in addition to symmetry planes."""
 
 SMALLEST = 3
 """Number of grids that are done without ``--paper``: the first ones."""

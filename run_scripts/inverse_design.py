@@ -31,7 +31,7 @@ AMPLITUDE = 0.2
 """Largest displacement of a control point along each axis, relative to the distance to its nearest neighbour."""
 
 CURVATURE = 0.1
-"""Second derivative of the objective in one value alone, in units of the driver.
+"""Second derivative of the objective in only one value, in units of the driver.
 
 Those along other directions are up to some thirty times greater: the first step, down the gradient, is of the right
 size.
@@ -41,7 +41,7 @@ UNIT = 1e-12
 """Unit of the objective for the driver: LD_LBFGS also stops at a gradient below 1e-8, which should come late."""
 
 TOLERANCE = 1e-10
-"""Of the objective in that unit: of the mean square of the distances, relative to that of the start, it is 1e-22."""
+"""Of the objective in that unit: of the mean square of the distances, relative to the start's, it is 1e-22."""
 
 
 class Mismatch(om.ExplicitComponent):
@@ -161,7 +161,7 @@ def main(paper: bool = False, figures=None, increments: int | None = None, drive
     dict
         ``n_nodes``, ``n_variables``, the root mean square ``initial_distance`` of nodes (m); ``totals``, see
         `check_totals`; for each driver what `RecordedRun.numbers` returns and ``relative_error_of_variables``, the norm
-        of the error relative to that of the target, ``largest_error_of_variables`` (m) and ``largest_distance`` of a
+        of the error relative to the target's, ``largest_error_of_variables`` (m) and ``largest_distance`` of a
         node (m).
     """
     shape, n_control, n_increments, axes = SIZES[paper]

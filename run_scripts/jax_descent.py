@@ -72,7 +72,7 @@ def stations(edge: jax.Array) -> jax.Array:
 def loading(leading: jax.Array, trailing: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Ends of the strips of a wing with these edges, their circulation at the lift asked for, and its efficiency.
 
-    This is the ideal induced drag, of an elliptic load, by that of the wing.
+    This is the ideal induced drag, of an elliptic load, divided by the wing's.
     """
     leading, trailing = stations(leading), stations(trailing)
     quarter = leading + 0.25 * (trailing - leading)

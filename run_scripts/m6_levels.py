@@ -29,7 +29,7 @@ from bspline_mdao.scripts import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
 MACH, LIFT, THINNEST = 0.5, 0.27, 0.9
-"""Mach number, lift coefficient, and what must be left of the thickness anywhere, relative to that of the M6."""
+"""Mach number, lift coefficient, and the lower bound of the thickness anywhere, relative to the M6's."""
 
 DRAG, PARTS, UNIT, CHANGE = 0.04, (-0.5, 0.5), 0.03, 0.1
 """Unit of the objective, parts of the heights within which control points move, and units of the first changes: the

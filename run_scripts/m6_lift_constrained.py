@@ -32,7 +32,7 @@ LIFT, ALPHA = 0.25, 3.0
 """Lift coefficient, and angle of attack (deg), which is fixed: the twist of the root is free."""
 
 THINNEST = 0.85
-"""What must be left of the thickness anywhere, relative to that of the M6."""
+"""Lower bound of the thickness anywhere, relative to the M6's."""
 
 WORST_CORNER = 0.05
 """What the worst cell must keep of its corner triple product of 1, by the bound of `Quality`."""
@@ -50,7 +50,7 @@ FLOWS = {
     "euler": (bm.EulerFlow, {"tolerance": 1e-12, "iprint": 0}, "CD_induced + CD_entropy"),
     "vortex": (bm.LatticeFlow, {}, "CD_induced"),
 }
-"""Of the forces on the wall the drag is mostly that of the grid: it is taken from the wake and the entropy."""
+"""The drag from the forces on the wall is mostly an error of the grid: it is taken from the wake and the entropy."""
 
 DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
 
@@ -196,7 +196,7 @@ def main(
 
 
 def summary(model: bm.FittedModel, problem: om.Problem) -> dict:
-    """Sum a wing up: its forces, measures and variables but those of single control points, and invalid cells."""
+    """Summarise a wing: its forces, measures, variables except single control points, and invalid cells."""
     names = {meta["prom_name"] for _, meta in problem.model.list_outputs(out_stream=None)}
     wanted = [name for name in SUMMARY if name in names | set(problem.model.get_design_vars())]
     cells = report_quality(GridQuality.of_baseline(model.regenerate()), problem.get_val(GRID).reshape(-1, 3))

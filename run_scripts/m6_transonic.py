@@ -36,7 +36,7 @@ from bspline_mdao.testing import check_totals, perturb_design
 MACH, LIFT = 0.8395, 0.27
 
 THINNEST = 0.9
-"""What must be left of the thickness anywhere, relative to that of the M6."""
+"""Lower bound of the thickness anywhere, relative to the M6's."""
 
 DRAG, PRESSURE = 0.04, 0.1
 """Units of the objective, and of the combinations: the root mean square of the change of pressure coefficients."""

@@ -34,7 +34,7 @@ MACH_NUMBERS = {"slow": 0.72, "fast": 0.75}
 LIFT = 0.4
 
 THINNEST, PLACES = 0.85, (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
-"""What must be left of the thickness at these parts of the chord, relative to that of the NACA 0012."""
+"""Lower bounds of the thickness at these parts of the chord, relative to the NACA 0012's."""
 
 DRAG, PRESSURE = 0.02, 0.1
 """Units of the objective, and of the combinations: the root mean square of the change of pressure coefficients. Smaller
@@ -59,7 +59,7 @@ def make_model(n_around: int, n_away: int, n_control) -> bm.FittedModel:
 
 
 def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Problem:
-    """Pose the problem: parts of the heights of control points, those of nose and trailing edge fixed. Not yet set up.
+    """Pose the problem: parts of the heights of control points, with nose and trailing edge fixed. Not yet set up.
 
     Without combinations of the heights, they are inputs.
     """

@@ -32,7 +32,7 @@ REYNOLDS, SPEED, LIFT = 6e6, 30.0, 1.0
 """Of the chord; speed of the free stream (m/s); lift coefficient."""
 
 THINNEST, PLACES = 0.75, (0.02, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
-"""What must be left of the thickness at these parts of the chord, relative to that of the NACA 0012."""
+"""Lower bounds of the thickness at these parts of the chord, relative to the NACA 0012's."""
 
 MOMENT = 0.08
 """Largest moment about the quarter chord, nose down."""
@@ -42,7 +42,7 @@ PART = 1.2
 
 TOLERANCE, VIOLATION, TRIMMED = 3e-3, 2e-3, 2e-4
 """Of the objective, 0.03 counts of drag; of constraints, in their unit; and of the lift of designs that are compared,
-to which they are trimmed. What residuals leave is half of that: an optimiser that asks for less finds no design."""
+to which they are trimmed. What residuals leave is half of that: an optimiser that requires less finds no design."""
 
 UNIT, STEP = 0.01, 0.002
 """Of the variables, and of the differences: heights in chords and the angle in radians, which move walls as much."""
@@ -62,7 +62,7 @@ SIZES = {
     "paper": ((128, 64, 6e-6), (256, 128, 3e-6), 13, 60),
 }
 """Cells around the section and away from it and heights of the first cells (chords), on the grid of the optimisers and
-on the finer one; control points around the section, of which those of nose and trailing edge stay; evaluations at most.
+on the finer one; control points around the section, of which nose and trailing edge stay; evaluations at most.
 """
 
 
@@ -74,7 +74,7 @@ def make_model(n_around: int, n_away: int, off_wall: float, n_control: int) -> b
 
 
 def pose(model: bm.FittedModel, case: RansCase, folder: Path, alpha: float = LIFT / SLOPE) -> om.Problem:
-    """Pose the problem: heights of control points, those of nose and trailing edge fixed. Not yet set up.
+    """Pose the problem: heights of control points, with nose and trailing edge fixed. Not yet set up.
 
     The two planes of the grid move alike.
     """
@@ -170,7 +170,7 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
 
 
 def summary(problem: om.Problem) -> dict:
-    """Tell lift, drag, moment, angle, y+, area and thickness of a design, and its heights."""
+    """Return lift, drag, moment, angle, y+, area and thickness of a design, and its heights."""
     numbers = {name: problem.get_val(name).item() for name in ("CL", "CD", "volume", "n_iterations")}
     return numbers | {
         "alpha": problem.get_val("alpha", units="deg").item(),

@@ -144,7 +144,7 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
 
 
 def summary(problem: om.Problem) -> dict:
-    """Tell lift, drag, angle, twist, camber and y+ of a design."""
+    """Return lift, drag, angle, twist, camber and y+ of a design."""
     numbers = {name: problem.get_val(name).item() for name in ("CL", "CD", "n_iterations")}
     angles = {name: problem.get_val(name, units="deg").tolist() for name in ("alpha", "twist")}
     return numbers | angles | {name: problem.get_val(name).tolist() for name in ("camber", "y_plus")}

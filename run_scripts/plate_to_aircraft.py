@@ -32,7 +32,7 @@ At 3 degrees the flow about the sharp edges of the plate is not found on 110,592
 """
 
 AREA, VOLUME = 2.0, 0.08
-"""Of the half plate (m^2), and of the half wing (m^3): that of 7 % thick sections on the planform of the plate."""
+"""Of the half plate (m^2), and of the half wing (m^3): the volume of 7 % thick sections on the plate's planform."""
 
 WIDEST = 1.5
 """Largest factor on the span: with a given lift the induced drag falls as the span grows, and nothing weighs here."""
@@ -53,7 +53,7 @@ FLOWS = {
     "euler": (bm.EulerFlow, {"tolerance": 1e-12, "iprint": 0}, "CD_induced + CD_entropy"),
     "vortex": (bm.LatticeFlow, {}, "CD_induced"),
 }
-"""Of the forces on the wall the drag is mostly that of the grid: it is taken from the wake and the entropy."""
+"""The drag from the forces on the wall is mostly an error of the grid: it is taken from the wake and the entropy."""
 
 DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
 
@@ -187,7 +187,7 @@ def main(
 
 
 def summary(model: bm.FittedModel, problem: om.Problem) -> dict:
-    """Sum a wing up: its forces, measures and variables but those of single control points, and invalid cells."""
+    """Summarise a wing: its forces, measures, variables except single control points, and invalid cells."""
     names = {meta["prom_name"] for _, meta in problem.model.list_outputs(out_stream=None)}
     wanted = [name for name in SUMMARY if name in names | set(problem.model.get_design_vars())]
     cells = report_quality(GridQuality.of_baseline(model.regenerate()), problem.get_val(GRID).reshape(-1, 3))

@@ -50,7 +50,7 @@ half waves along the chord and along the span."""
 UNIT, TOLERANCE = 1e-12, 1e-15
 """Unit of the objective for the driver: LD_LBFGS also stops at a gradient below 1e-8, which should come late.
 
-The tolerance is that of the objective, the mean square of the differences relative to that of the start.
+The tolerance is for the objective, the mean square of the differences relative to the start's.
 """
 
 SIZES = {
@@ -167,7 +167,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
     dict
         ``n_nodes``, ``n_variables``, ``condition`` (ratio of the singular values of the derivative); ``totals``, see
         `check_totals`; for each driver what `RecordedRun.numbers` returns and ``relative_error_of_variables``, the norm
-        of the error relative to that of the target, ``largest_error_of_variables`` (m) and
+        of the error relative to the target's, ``largest_error_of_variables`` (m) and
         ``largest_error_of_pressure``.
     """
     design = PressureTarget(*pick_size(SIZES, paper, quick))

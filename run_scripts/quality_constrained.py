@@ -47,7 +47,7 @@ DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
 
 
 class DistanceFromPlanes:
-    """Mean square distance of the nodes of every face of a surface from a plane, relative to that of the baseline.
+    """Mean square distance of the nodes of every face of a surface from a plane, relative to the baseline's.
 
     A measure of one's own: it has a name, units, a shape and a surface, and methods ``evaluate`` and ``partials``.
     """

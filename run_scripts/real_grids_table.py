@@ -22,7 +22,7 @@ def main(paper: bool = False, folder=None) -> dict:
     Parameters
     ----------
     paper : bool
-        Fit grids of any size; only those of less than 50 000 nodes by default.
+        Fit grids of any size; by default only grids of less than 50 000 nodes.
     folder : path-like, optional
         Where the grids are; the environment variable ``BSPLINE_MDAO_GRIDS`` by default.
 
@@ -42,7 +42,7 @@ def main(paper: bool = False, folder=None) -> dict:
 
 
 def fit_file(path: Path, largest: float) -> dict:
-    """Fit the grid of one file, if it has no more than ``largest`` nodes."""
+    """Fit the grid of one file, if it has at most ``largest`` nodes."""
     try:
         grid = read_grid(path)
         return {"skipped": grid.n_nodes} if grid.n_nodes > largest else numbers_of(fit_grid(grid), grid)

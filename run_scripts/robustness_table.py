@@ -200,7 +200,7 @@ def main(
     Returns
     -------
     dict
-        ``movers``, a row for each, see `row`; ``canonical`` and ``real``, the same for those grids alone;
+        ``movers``, a row for each, see `row`; ``canonical`` and ``real``, the same for only those grids;
         ``by_deformation`` and ``by_grid``, the same for each; ``lost``, the cases that the first mover does not manage
         and others do; ``fallback``, the grids on which control points fall back; ``left_out``, why a file is;
         ``not_applicable``, why a grid cannot take a deformation.
@@ -228,7 +228,7 @@ def main(
 
 
 def collect(paper: bool, folder) -> tuple[list[Body], dict[str, str]]:
-    """Prepare the canonical grids and those of a folder; and the reason why a file is left out, by its name."""
+    """Prepare the canonical grids and the grids of a folder; and the reason why a file is left out, by its name."""
     shape, n_control, largest = SIZES[paper]
     bodies = [Body(name, make(shape), n_control, target()) for name, (make, target) in CANONICAL.items()]
     left_out, seen = {}, set()

@@ -42,10 +42,10 @@ SMALL = ((9, 9, 9), (5, 5, 5))
 """Nodes and control points of each block: the paper's, and the small size."""
 
 PAPER_RATIOS = {"onera_m6": 27.79 * 3600 / 227.0, "blended_wing_body": 32.4 * 3600 / 128.0}
-"""Times of the paper's node-based mover, relative to those of its B-spline mover."""
+"""Times of the paper's node-based mover, relative to its B-spline mover's."""
 
 LEVELS = {True: (0.2, 1 / 3, 0.5), False: (0.5, 0.75)}
-"""Cells and elements per direction, relative to those of the case, at the paper's size and small.
+"""Cells and elements per direction, relative to the case's, at the paper's size and small.
 
 At half the paper's cells per direction a Cholesky factor takes 5 GB; twice as many would take a hundred.
 """
@@ -71,7 +71,7 @@ class Series:
         return float(np.diff(t)[0] / np.diff(n)[0]) if len(n) == 2 else 2.0
 
     def at(self, n_points: float, exponent: float | None = None) -> float:
-        """Time on a mesh of another size: that of the largest, scaled by the measured growth or by another one."""
+        """Time on a mesh of another size: the time of the largest, scaled by the measured growth or by another one."""
         exponent = self.exponent if exponent is None else exponent
         return self.cpu_seconds[-1] * (n_points / self.n_points[-1]) ** exponent
 

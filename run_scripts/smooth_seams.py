@@ -26,7 +26,7 @@ from bspline_mdao.scripts import run
 from bspline_mdao.testing import check_totals, perturb_design
 
 LARGER = 1.15
-"""Volume of the body by that of the ball."""
+"""Volume of the body relative to the ball's."""
 
 TOLERANCE = 1e-12
 """Of the area (m^2)."""
@@ -97,7 +97,7 @@ def main(paper: bool = False, figures=None, folder=None) -> dict:
     figures : path-like, optional
         Folder for ``smooth_seams.png``.
     folder : path-like, optional
-        Where ``free.step`` and those of the others go; they are removed again by default.
+        Folder of ``free.step`` and the other STEP files; they are removed again by default.
 
     Returns
     -------

@@ -37,7 +37,7 @@ PAPER = {
 
 
 def main(paper: bool = False, figures=None) -> dict:
-    """Fit both grids, without and with parameter correction, and print Table 1 beside the paper's numbers.
+    """Fit both grids, without and with parameter correction, and print Table 1 next to the paper's numbers.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def errors(model: FittedModel) -> dict:
 
 
 def table(numbers: dict) -> str:
-    """Table 1, ours beside the paper's."""
+    """Table 1, next to the paper's."""
     lines = [f"{'case':<28}{'RMS error':>12}{'max |dx|':>12}{'max |dy|':>12}{'max |dz|':>12}"]
     for name, case in numbers.items():
         rows = {CASES[name][1]: case, "  parameters corrected": case["corrected"], "  paper": case["paper"]}
@@ -116,7 +116,7 @@ def draw_grids(folder, grids: dict) -> None:
 
 
 def draw_errors(folder, models: dict, paper: bool) -> None:
-    """Draw how many nodes have errors larger than a given one; beside the paper's errors at the paper's size."""
+    """Draw how many nodes have errors larger than a given one; with the paper's errors at the paper's size."""
     with figure(folder, "table1_errors", size=(7.5, 3.4)) as canvas:
         for axes, (name, pair) in zip(canvas.subplots(1, 2, sharey=True), models.items()):
             for model, label, color in zip(pair, ("chord length", "corrected"), (BLUE, ORANGE)):

@@ -23,7 +23,7 @@ LARGEST = {"twist": 20.0, "dihedral": 60.0, "thickness": 0.5}
 """Largest values that may be proposed, from the baseline: degrees, degrees, part of one."""
 
 REQUESTS = ((0.7, 1.3), (-2.0, 2.0))
-"""Ranges of volumes by that of the M6, and of heights of the tip (m)."""
+"""Ranges of volumes relative to the M6's, and of heights of the tip (m)."""
 
 WORST_CORNER = 0.1
 """What the bound of the corner triple products is to keep."""
@@ -76,7 +76,7 @@ def requests(n: int, seed: int) -> torch.Tensor:
 
 
 def train(task: Task, weight: float, n_steps: int, n_together: int) -> tuple[Designer, list[float]]:
-    """Train a network; the weight is that of bad cells."""
+    """Train a network; the weight is for bad cells."""
     torch.manual_seed(0)
     network, losses = Designer(task.shape), []
     optimizer = torch.optim.Adam(network.parameters(), lr=0.03)

@@ -29,7 +29,7 @@ CASES = {"subcritical": (0.5, 0.1798, BLUE), "transonic": (0.8, 0.348, RED)}
 """Mach number, lift coefficient in the literature, and colour.
 
 No friction: limits of CFL3D in J. C. Vassberg and A. Jameson, J. Aircraft 47 (2010), 1152-1166; the page on validation
-tells how far they hold. Whether the trailing edge is blunt or closed alone moves these lifts by 4 %.
+says how accurate they are. Whether the trailing edge is blunt or closed alone moves these lifts by 4 %.
 """
 
 SIZES = {"quick": 24, "default": 48, "paper": 96}

@@ -139,7 +139,7 @@ def main(
 
 
 def aerodynamics(problem: om.Problem) -> dict:
-    """Lift, induced drag, by how much it is above that of an ellipse of the same lift, angle of attack and twist."""
+    """Lift, induced drag, by how much it is above the ellipse's at the same lift, angle of attack and twist."""
     lift, drag = (problem.get_val(name).item() for name in ("CL", "CD_induced"))
     return {
         "CL": lift,

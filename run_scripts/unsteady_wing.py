@@ -47,9 +47,9 @@ def main(paper: bool = False, figures=None) -> dict:
     -------
     dict
         For each motion: ``max_speed`` (m/s); ``differences``, the largest error of central differences in time for
-        ``steps`` (s), relative to the largest speed; ``rate``, its order; ``velocity_error``, that of the extrapolated
-        ones; over the period ``phases``, smallest corner triple product ``min_corner`` and ``q_min`` of the grid, and
-        ``n_inverted``.
+        ``steps`` (s), relative to the largest speed; ``rate``, its order; ``velocity_error``, the error after
+        extrapolation; over the period ``phases``, smallest corner triple product ``min_corner`` and ``q_min`` of the
+        grid, and ``n_inverted``.
     """
     shape, n_control, n_times = ((45, 65, 33), (13, 13, 9), 16) if paper else ((13, 15, 11), (7, 7, 6), 8)
     model = fit_grid(onera_m6_grid(shape), n_control=n_control)

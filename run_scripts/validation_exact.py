@@ -92,7 +92,7 @@ class Case(NamedTuple):
 
 
 def pressure(speed, mach: float):
-    """Pressure coefficient of isentropic flow at a speed by that of the stream."""
+    """Pressure coefficient of isentropic flow at a speed relative to the stream's."""
     ratio = (1.0 + 0.5 * (GAMMA - 1.0) * mach**2 * (1.0 - speed**2)) ** (GAMMA / (GAMMA - 1.0))
     return (ratio - 1.0) / (0.5 * GAMMA * mach**2)
 

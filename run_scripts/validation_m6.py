@@ -29,7 +29,7 @@ STATIONS = (0.20, 0.44, 0.65, 0.80, 0.90, 0.95, 0.99)
 SU2 = {"CL": 0.280800, "CD": 0.008623, "area": 0.7588 / 0.8059**2}
 """SU2 8.4, central differences, 582,752 tetrahedra: values of its regression test ``oneram6``, serial, converged.
 
-Its area (root chords squared) is that of the wing seen from above, with the rounded tip.
+Its area (root chords squared) is the area of the wing seen from above, with the rounded tip.
 """
 
 SIZES = {
@@ -52,8 +52,8 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
     iprint : int
         1 for a line a flow, 2 for one a Newton step.
     measured : str
-        File of the measured pressures as CFL3D hands them out; by default ``flow/onera_m6_experiment_cfl3d.dat`` beside
-        the folder that ``BSPLINE_MDAO_GRIDS`` names, if it is there.
+        File of the measured pressures as distributed with CFL3D; by default ``flow/onera_m6_experiment_cfl3d.dat`` next
+        to the folder that ``BSPLINE_MDAO_GRIDS`` names, if it is there.
 
     Returns
     -------

@@ -40,7 +40,7 @@ PUBLISHED = {
 """Lift by Mach number on O-grids of so many cells each way, and its limit: CFL3D, flux splitting, no vortex far away.
 
 J. C. Vassberg and A. Jameson, J. Aircraft 47 (2010), 1152-1166, Tables 7 and 8, read in a copy of these rows. The
-limits are those of the last three values, at the orders 1.154 and 0.278. They are by a chord of one, and here by that
+limits are from the last three values, at the orders 1.154 and 0.278. They are by a chord of one, and here by that
 of the section: potential flow has 0.18035 by the former, and the paper 0.1803 where it is grid-converged.
 """
 
@@ -78,7 +78,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
     dict
         By Mach number, such as ``"M 0.5"``, for the families ``O`` and ``H-H``: ``members``, a list of what `run_flow`
         returns, and for ``CL`` and ``CD`` the order and the limit of the three, None where there are none; the lift
-        published, and that of potential flow where there are no shocks; and for other grids what `run_flow` returns, or
+        published, and in potential flow where there are no shocks; and for other grids what `run_flow` returns, or
         why they ``failed``.
     """
     numbers, drawn = {}, {}

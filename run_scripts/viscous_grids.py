@@ -57,7 +57,7 @@ COLUMNS = ("inverted", "smallest Q by that before", "mean Q gained", "98 % of he
 """Columns of the table, for each way."""
 
 NO_QUALITY = 1e-9
-"""A smallest Q below this is that of flat cells, and nothing is compared with it."""
+"""A smallest Q below this belongs to flat cells, and nothing is compared with it."""
 
 LEVELS = {"smallest": 0.0, "one_percent": 0.01, "median": 0.5, "ninety_nine_percent": 0.99, "largest": 1.0}
 """Quantiles of the heights."""
@@ -118,7 +118,7 @@ class Splines:
 
 
 class WallDistances:
-    """A grid all of whose nodes follow those of its walls, to which the deformation is applied."""
+    """A grid all of whose nodes follow its wall nodes, to which the deformation is applied."""
 
     def __init__(self, grid: bm.Grid):
         self.nodes, self.model = grid.to_vector().reshape(-1, 3), bm.fit_grid(grid)
@@ -165,7 +165,7 @@ def main(
     patches : str, optional
         Patches of these files.
     deform : sequence of str
-        Deformations to ask for instead.
+        Deformations to use instead.
     ways : sequence of str
         Ways that are compared: all by default.
     table : path-like, optional
@@ -285,7 +285,7 @@ def summary(cases: Sequence[Outcome]) -> dict:
 
 
 def write_table(path, outcomes: Sequence[Outcome]) -> None:
-    """Write a line for each case as comma-separated values; each cell holds those of all ways in turn."""
+    """Write a line for each case as comma-separated values; each cell has the values of all ways in turn."""
     cases = {}
     for o in outcomes:
         ratio = f"{o.q_min / o.q_before:.2f}" if o.q_before > NO_QUALITY else "-"

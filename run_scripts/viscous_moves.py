@@ -74,7 +74,7 @@ WAYS = {
     "10 increments": lambda mesh: LinearElasticity(mesh, n_increments=10),
 }
 """Ways to move a control mesh: by the rotations of its surface; the same with a far field that follows the
-rigid part of the motion, which is what a warper of walls alone does; and linear elasticity."""
+rigid part of the motion, as a warper of only the walls does; and linear elasticity."""
 
 NAN = float("nan")
 
@@ -281,7 +281,7 @@ def read_rows(path) -> list[Row]:
 
 
 def write_rows(path, rows: Sequence[Row]) -> None:
-    """Write rows, those of a motion one after the other."""
+    """Write rows, grouped by motion."""
     order = {key: n for n, key in enumerate(dict.fromkeys((row.grid, row.motion) for row in rows))}
     with open(path, "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -127,7 +127,7 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
 def flight(problem: om.Problem) -> dict:
     """Collect fuel and mass (kg), coefficients, and where half a wing's lift acts, relative to the semi-span.
 
-    That of an elliptical load is at 4 / (3 pi) = 0.424.
+    An elliptical load has it at 4 / (3 pi) = 0.424.
     """
     y, load = load_of(problem)
     numbers = {name: problem.get_val(name).item() for name in ("fuel_burn", "structural_mass", "CL", "CD", "failure")}

@@ -93,7 +93,7 @@ def section(occ, start: float, chord: float, z: float) -> int:
 
 
 def move(model: MeshModel, text: str) -> np.ndarray:
-    """Move the mesh by a deformation of the wing alone."""
+    """Move the mesh by a deformation of only the wing."""
     wing = bm.movers.moving_mesh(model, "wing")
     asked = model.deformed(bm.design.parse_deformation(text, model, wing))
     return model.node_map.at(model.mover_of(wing).move(model.control_points, asked).points).nodes

@@ -36,7 +36,7 @@ SIZES = {
     "hh_naca0012": {"quick": 0.5, "default": 1.0, "paper": 1.5},
     "onera_m6": {"quick": (7, 9, 7), "default": (15, 17, 13), "paper": (23, 33, 17)},
 }
-"""Cells per direction, relative to those of the grid of the first wing; nodes of each block about the second."""
+"""Cells per direction, relative to the grid of the first wing; nodes of each block about the second."""
 
 REFERENCES = {
     "hh_naca0012": {
@@ -51,7 +51,7 @@ dissipation, OpenFOAM's rhoSimpleFoam with linearUpwind, and OpenAeroStruct with
 
 
 def main(paper: bool = False, figures=None, quick: bool = False, openfoam: bool = False, iprint: int = 0) -> dict:
-    """Fly both wings with every code that is there.
+    """Solve both wings with every available code.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def make_model(name: str, size) -> tuple[bm.FittedModel, float]:
 
 
 def fly(name: str, model: bm.FittedModel, area: float, openfoam: bool, iprint: int) -> tuple[dict, dict]:
-    """Fly with every code: numbers by its name, and, of those that have some, corners of wall faces and pressures."""
+    """Solve with every code: numbers by its name, and, if it has them, corners of wall faces and pressures."""
     codes, pressures = {}, {}
     for code, make_flow in {"EulerFlow": bm.EulerFlow, "LatticeFlow": bm.LatticeFlow}.items():
         try:

@@ -59,7 +59,7 @@ MACH, LIFT, ABOUT, ENDS = 0.3, 0.4, (0.55, 0.0, 0.0), (1.1 * RADIUS, 3.0)
 """Of the flow, the point that the moment is taken about, and the ends of the vortex lattice along the span (m)."""
 
 OUTPUTS = ("position", "twist", "alpha", "CL", "CM", "CD_induced")
-"""What is told of the optimum."""
+"""Reported numbers of the optimum."""
 
 VIEW = Camera(focus=(0.3, 0.0, 1.0), direction=(-0.5, 0.8, 0.9), height=5.0)
 """From where the pictures are seen: outboard, upstream and above."""
@@ -119,9 +119,9 @@ def pose(model: MeshModel, stations: int) -> om.Problem:
 
 
 def judge(problem: om.Problem, model: MeshModel) -> dict:
-    """Tell cells, distances from the fuselage (m), and heights at walls by those before, from 1 % to 99 % of them.
+    """Return cells, distances from the fuselage (m), and height ratios at walls, from 1 % to 99 % of them.
 
-    Heights are those of boundary layers; at edges, where lines leave the walls in a row of their own, cells are higher.
+    Heights are of boundary layers; at edges, where lines leave the walls in a row of their own, cells are higher.
     """
     nodes, mesh, walls = problem.get_val("grid").reshape(-1, 3), model.mesh, model.node_map.embedded.walls
     after, before = mesh.quality(nodes), walls.heights(mesh.points)

@@ -31,7 +31,7 @@ WORST_CORNER = 0.1
 """What the worst cell must keep of its corner triple product of 1, by the bound of `Quality`."""
 
 TOLERANCE = 1e-10
-"""Of the objective, the drag relative to that of the elliptical load."""
+"""Of the objective, the drag relative to the elliptical load's."""
 
 STATIONS = 6
 SIZES = {
@@ -167,8 +167,8 @@ def efficiencies(problem: om.Problem) -> dict:
     Returns
     -------
     dict
-        Span ``efficiency``; ``munk``, that of the load of least drag on the same wake; the ``gap``, by how much the
-        drag is above that; and ``panel_efficiency``, from the forces on the bound vortices.
+        Span ``efficiency``; ``munk``, the efficiency of the load of least drag on the same wake; the ``gap``, by how
+        much the drag is above it; and ``panel_efficiency``, from the forces on the bound vortices.
     """
     wake = wake_of(problem)
     span, best = -2.0 * wake.points[0, 0], least_drag(wake.points, wake.lift)

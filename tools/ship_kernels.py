@@ -52,7 +52,7 @@ def main(levels: Sequence[str] = tuple(LEVELS), folder: Path = Path(FOLDER)) -> 
 
 
 def collect(compiled: Path, folder: Path) -> int:
-    """Put what numba has compiled into a folder, in folders as those of the package; return how many there are."""
+    """Put what numba has compiled into a folder, in folders like the package's; return how many there are."""
     shutil.rmtree(folder, ignore_errors=True)
     for path in {source.parent for source in Path(PACKAGE).rglob("*.py")}:
         found = compiled / UserProvidedCacheLocator.get_suitable_cache_subpath(str(path / "module.py"))

@@ -10,6 +10,6 @@ class WheelHook(BuildHookInterface):
     """Gives wheels with compiled kernels the tag of what they were compiled for."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Tell the builder before it begins."""
+        """Inform the builder before it begins."""
         if version == "standard" and Path(self.root, "bspline_mdao", "_kernels").is_dir():
             build_data.update(pure_python=False, infer_tag=True)

@@ -5,7 +5,7 @@
 when the package runs, where ``inspect.signature`` and ``help`` read the options, see ``core/om/option_signature.py``. A
 test fails where what is written is not what the options give.
 
-Types are those of the declaration. Where OpenMDAO cannot check what a type says, as that of the items of a list, they
+Types are as declared. If OpenMDAO cannot check a type, such as the type of the items of a list, they
 are in `KINDS`; where nothing is declared, the type of the default is taken.
 """
 
@@ -58,7 +58,7 @@ KINDS = {
     "time_limit": "float",
     "walls": "Sequence[str]",
 }
-"""Types of options of which the declaration does not tell them, by the name of the option, or class and option."""
+"""Types of options whose declaration does not give them, by the name of the option, or class and option."""
 
 WORDS = {Real: "float", Integral: "int", bool: "bool", type(None): "None"}
 """What types of declarations are called in annotations, where not by their names."""

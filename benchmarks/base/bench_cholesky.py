@@ -1,4 +1,4 @@
-"""Our sparse Cholesky beside PARDISO and SciPy's SuperLU on stiffness matrices of control meshes, in one run.
+"""The package's sparse Cholesky, PARDISO and SciPy's SuperLU on stiffness matrices of control meshes, in one run.
 
 The matrices are those of the first increment on control meshes of the 12-block ONERA M6 grid. CPU seconds, one thread,
 the contenders in turn, the fastest of ``--repeats``; ratios are to PARDISO where ``pip install pypardiso`` was done.

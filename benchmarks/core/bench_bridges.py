@@ -1,11 +1,11 @@
-"""Nodes and their transposed product by JAX and by PyTorch, beside our own calls, on the ONERA M6 grid.
+"""Nodes and their transposed product by JAX and by PyTorch, next to direct calls, on the ONERA M6 grid.
 
 What is timed is a value with a gradient: all nodes at control points, and the derivative in these of a sum over the
 nodes with weights. Own calls are ``state = node_map.at(points)`` and ``state.vjp(weights)``; those of JAX are compiled.
 With ``--linear`` the map has no wall layer, and ``jax.device_grid`` is timed as well. CPU seconds of one thread, in
 turn, the fastest of ``--repeats``; points differ from one to the next.
 
-With ``--batch``, this many designs by a twist are evaluated and differentiated both ways, as ``vmap`` asks for them: at
+With ``--batch``, this many designs by a twist are evaluated and differentiated both ways, as ``vmap`` requests them: at
 once, and one by one.
 """
 

@@ -1,4 +1,4 @@
-"""What it is worth that the far field goes along with the rigid part of a motion, and where it is worse.
+"""What is gained if the far field moves with the rigid part of a motion, and where it is worse.
 
 Grids all of whose walls are deformed and whose other faces are far field and symmetry: the M6, and those of the folder
 that BSPLINE_MDAO_GRIDS names.

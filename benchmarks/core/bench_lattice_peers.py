@@ -2,7 +2,7 @@
 
 ``python benchmarks/core/bench_lattice_peers.py [--grid hh_m6 ...] [--motion bend=30deg@0.5 ...] [--json FILE]``
 
-Grids and motions are those of ``run_scripts/viscous_moves.py``. Each is moved as a mesh without structure by a lattice,
+Grids and motions are those of ``run_scripts/viscous_moves.py``. Each is moved as an unstructured mesh by a lattice,
 riding on the fitted grid, and, in rows that were recorded, by IDWarp. A row has newly inverted cells (corners, as grids
 are judged), smallest and mean Q, heights of the first cells by those before from 1 % to 99 %, and CPU seconds of a
 design. Where ``checkMesh`` of OpenFOAM is on the path, it judges the mesh as the lattice has moved it, beside what

@@ -109,7 +109,7 @@ class Case:
         return LinearElasticity(self.mesh, **{"n_increments": 5, "solver": OURS, **settings})
 
     def move(self, mover, initial=None, start=None) -> np.ndarray:
-        """Move, from the baseline unless told otherwise, and evaluate: the nodes, shape (n_nodes, 3)."""
+        """Move, by default from the baseline, and evaluate: the nodes, shape (n_nodes, 3)."""
         movement = mover.move(self.mesh.points if initial is None else initial, self.surface, start=start)
         return self.evaluator.forward(movement.points)
 

@@ -3,8 +3,8 @@
 The wing of `bench_evaluation.py` with 1.16 million nodes in 12 blocks; with ``--large`` a member of its family with 10
 million. `mpirun` is started here, once for each number of ranks; on every rank the components are called as OpenMDAO
 calls them. CPU seconds are of the fastest of some runs, without what a rank spends in calls of the communicator, where
-it waits for the others; that is told apart. Peak memory is the high-water mark of the process in each stage. Bytes are
-those that a rank hands to the communicator.
+it waits for the others, which is listed separately. Peak memory is the high-water mark of the process in each stage.
+Bytes are what a rank passes to the communicator.
 
 The model on paper, ``--paper``, takes bytes per node, per node of the boundary and per control point from the arrays
 that are found in the components, and says what each of many ranks would hold. ``--largest`` takes a wing of 20 million
@@ -92,7 +92,7 @@ def make_model(path: Path, shape, n_control, factor: float) -> dict:
 
 @dataclass
 class Traffic:
-    """What a rank hands to its communicator: bytes, calls, and the CPU seconds that pass in them."""
+    """What a rank passes to its communicator: bytes, calls, and the CPU seconds that pass in them."""
 
     n_bytes: int = 0
     n_calls: int = 0
@@ -138,7 +138,7 @@ def _buffer_bytes(item) -> int:
 
 @dataclass
 class Stages:
-    """What every stage takes on this rank: CPU seconds, those in the communicator, bytes sent, peak memory."""
+    """Cost of every stage on this rank: CPU seconds, those in the communicator, bytes sent, peak memory."""
 
     repeats: int
     rows: dict[str, dict] = field(default_factory=dict)
@@ -426,7 +426,7 @@ def _arrays(item, name: str, seen: set) -> list:
 
 
 def show(numbers: dict) -> None:
-    """Print what every stage takes on one rank and on more."""
+    """Print the cost of every stage on one rank and on more."""
     runs = {int(n): ranks for n, ranks in numbers["ranks"].items()}
     print(f"{numbers['n_nodes']:,} nodes, {numbers['n_control_points']:,} control points")
     head = "".join(f"   {f'{n} rank' + 's' * (n > 1):>26}" for n in runs)
@@ -444,7 +444,7 @@ def show(numbers: dict) -> None:
 
 
 def show_largest(ranks: list[dict]) -> None:
-    """Print what every stage of the largest case takes on every rank."""
+    """Print the cost of every stage of the largest case on every rank."""
     first, n = ranks[0], len(ranks)
     print(f"{first['n_nodes_of_grid']:,} nodes, {first['n_control_points']:,} control points, {n} ranks")
     print(

@@ -5,10 +5,11 @@ or made here::
 
     python benchmarks/flow/bench_flow_grids.py [STEP [NAME...]] [--random N]
 
-With ``--random`` each grid that is flown at an angle is flown at N random Mach numbers from 0.3 to 0.85 and angles from
--2 to 6 degrees instead, others are left out, and the last lines tell how many flows were found and what others cost.
+With ``--random`` each grid that is solved at an angle is solved at N random Mach numbers from 0.3 to 0.85 and angles
+from -2 to 6 degrees instead, others are left out, and the last lines say how many flows were found and what others
+cost.
 Flows start as in a first run of the component, see `cold_solutions`; steps and products are those of the last way, time
-is that of all. The ratio is to the first grid that is flown at that Mach number.
+is that of all. The ratio is to the first grid that is solved at that Mach number.
 """
 
 from __future__ import annotations

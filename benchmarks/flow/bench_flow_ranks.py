@@ -2,7 +2,7 @@
 
 The wings of `bench_euler.py` at Mach 0.3 and 4 degrees, from coarser members to a residual of 1e-10, and the adjoint of
 a random right-hand side to 1e-12. `mpirun` is started here, in turn for each number of ranks; the fastest of some runs
-counts. Seconds of the wall tell something only where each rank has a core; CPU seconds are those of the busiest rank,
+counts. Wall seconds are only meaningful if each rank has a core; CPU seconds are those of the busiest rank,
 without what passes in calls of the communicator, where it waits for others.
 """
 

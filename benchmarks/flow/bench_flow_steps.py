@@ -1,7 +1,7 @@
 """What a step of an optimiser costs beside a cold flow: the flow about the next design, and gradients of lift and drag.
 
-The wing is a rectangular one of NACA 0012 sections on an H-H grid, at Mach 0.3 and 4 degrees, flown by `EulerFlow`
-through OpenMDAO. From the flow about it, its gradients are taken, then designs near it are flown: twisted at the tip,
+The wing is a rectangular one of NACA 0012 sections on an H-H grid, at Mach 0.3 and 4 degrees, solved by `EulerFlow`
+through OpenMDAO. From the flow about it, its gradients are taken, then designs near it are solved: twisted at the tip,
 thicker, at another angle. The cold flow about each of them is the denominator, in the same process::
 
     python benchmarks/flow/bench_flow_steps.py [CELLS] [--json FILE]
@@ -36,7 +36,7 @@ ASKED = {"gradient": 0.5, "step": 0.4, "bytes_per_cell": 5000}
 
 
 def main(n_cells: int = 36_864) -> dict:
-    """Fly the wing, take its gradients, and fly designs near it.
+    """Solve the wing, take its gradients, and solve designs near it.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def _problem(model) -> om.Problem:
 
 
 def _return(problem: om.Problem, nodes: np.ndarray) -> None:
-    """Fly the first design again, and take a gradient there, as an optimiser has before each step."""
+    """Solve the first design again, and take a gradient there, as an optimiser has before each step."""
     problem.set_val("grid", nodes.ravel())
     problem.set_val("alpha", 4.0)
     problem.run_model()
@@ -141,7 +141,7 @@ def _resident() -> int:
 
 
 def _forget_peak() -> None:
-    """Begin to look for the peak of memory anew."""
+    """Start looking for the peak of memory again."""
     Path("/proc/self/clear_refs").write_text("5")
 
 

@@ -1,4 +1,4 @@
-"""OpenFOAM's own shape optimisation beside ours: the losses of its tutorial's S-bend.
+"""OpenFOAM's own shape optimisation next to this package's: the losses of its tutorial's S-bend.
 
 ``python benchmarks/flow/bench_openfoam_duct.py [--case BFGS | SD | SQP | turbulent] [--cycles N] [--iterations N]
 [--only slsqp nlopt] [--json FILE]``

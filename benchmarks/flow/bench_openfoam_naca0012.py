@@ -44,7 +44,7 @@ def make_grid(n_around: int, walls: WallTreatment) -> tuple[bm.Grid, float]:
 
 
 def measure(n_around: int, angle: float, case: RansCase) -> dict[str, float]:
-    """Fly one angle (deg) on one grid."""
+    """Solve one angle (deg) on one grid."""
     grid, off_wall = make_grid(n_around, case.walls)
     problem = om.Problem(reports=None)
     with tempfile.TemporaryDirectory() as folder:
@@ -64,7 +64,7 @@ def measure(n_around: int, angle: float, case: RansCase) -> dict[str, float]:
 
 
 def main() -> None:
-    """Fly all grids and angles."""
+    """Solve all grids and angles."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--around", type=int, nargs="+", default=[128, 256])
     parser.add_argument("--angles", type=float, nargs="+", default=list(OTHERS))

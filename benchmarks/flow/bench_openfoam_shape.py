@@ -1,4 +1,4 @@
-"""OpenFOAM's own shape optimisation beside ours: lift or drag of its tutorial's NACA 0012, whose area stays.
+"""OpenFOAM's own shape optimisation next to this package's: lift or drag of its tutorial's NACA 0012, whose area stays.
 
 ``python benchmarks/flow/bench_openfoam_shape.py [--case lift | drag] [--cycles N] [--iterations N]
 [--only slsqp nlopt] [--json FILE]``
@@ -16,7 +16,7 @@ The peer has no bounds but a length of its first step; ours are bounded by the l
 of the peer's had, and the objective is scaled by what the peer has gained, so that their first step is about as long as
 that. The area counts as kept to a ten thousandth.
 
-In the end all meshes are flown by the same solver to the same tolerance and judged by ``checkMesh``. CPU seconds are
+At the end all meshes are solved by the same solver to the same tolerance and assessed by ``checkMesh``. CPU seconds are
 those of all processes. It needs ``adjointOptimisationFoam`` on the PATH, and its tutorials (Debian:
 ``openfoam-examples``), or ``--tutorials`` with the folder of others.
 """
@@ -355,7 +355,7 @@ def show(name: str, row: dict) -> None:
 
 
 def run(doc: str | None, measured: Callable[..., dict], cases: Iterable[str], n_cycles: int) -> None:
-    """Measure what the command line asks for, by default the first case after as many flows of the peer."""
+    """Measure what the command line requests, by default the first case after as many flows of the peer."""
     first, *others = cases
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tutorials", type=Path, default=TUTORIALS, help="folder of adjointOptimisationFoam's")

@@ -6,7 +6,7 @@ members included; it does not depend on what else the machine does::
 
     python benchmarks/flow/sweep_settings.py [N [NAME...]] [--grids GRID...] [--only]
 
-All settings are swept, or those that are named; with ``--only`` none, and the defaults are flown alone. Work is
+All settings are swept, or those that are named; with ``--only`` none, and only the defaults are solved. Work is
 compared over the flows that are found both with the defaults and with the setting. A change by 2 to 3 %, or of a flow,
 may come from rounding alone: the row ``rounding`` changes a first CFL number by a millionth.
 """
@@ -68,7 +68,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Place:
-    """A grid to fly about."""
+    """A grid to solve on."""
 
     name: str
     flow: FlowGrid

@@ -75,7 +75,7 @@ CASES = {
     "hh_wing": (hh_wing, ["twist=5deg"]),
     "small": (lambda folder: hh_wing(folder, (11, 17, 9)), ["twist=1deg"]),
 }
-"""Grids, and how each is moved. Hub, casing and periodic planes of the turbine go along with its blade."""
+"""Grids, and how each is moved. Hub, casing and periodic planes of the turbine move with its blade."""
 
 
 def main(cases=("pyhyp", "turbine", "hh_wing"), n_control: int | None = None) -> dict:
@@ -92,7 +92,7 @@ def main(cases=("pyhyp", "turbine", "hh_wing"), n_control: int | None = None) ->
     -------
     dict
         For each case, ``seconds`` (wall clock and CPU) and ``gigabytes`` (peak of the process) of ``fit``, ``move`` and
-        ``quality``, and numbers that they tell.
+        ``quality``, and the numbers that they report.
     """
     results = {}
     for name in cases:

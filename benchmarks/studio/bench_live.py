@@ -1,6 +1,6 @@
 """The page of ``live``: CPU milliseconds of one update, part by part, as a slider moves.
 
-A wing of about 200,000 nodes by default, with the control points that a fit takes by itself and with fewer. The
+A wing of about 200,000 nodes by default, with the control points that a fit chooses and with fewer. The
 denominator of the ratio is the 50 ms in which an update feels like nothing. What the drawing costs on this side is the
 list of VTK's objects that have changed, as trame takes them. While the slider moves, cells are made that are seen, and
 those that are worst on the baseline; the rest when it rests.

@@ -14,7 +14,7 @@ AT_ONCE = ("figure1_basis", "figure2_mesh1d", "figure3_modified_basis")
 """Scripts that take a second, whose pictures the pages of theory show: drawn in any case."""
 
 SOLVERS = {"openfoam": lambda: shutil.which("simpleFoam"), "adflow": lambda: find_spec("adflow")}
-"""Programs of others by the first word of the scripts that need them, and what tells whether they are here."""
+"""Programs of others by the first word of the scripts that need them, and what says whether they are here."""
 
 
 GROUPS = {
@@ -78,7 +78,7 @@ class Arguments:
         return ["--figures", str(folder_of(script)), *(["--quick"] if has_quick else [])]
 
     def __repr__(self) -> str:
-        """The same in every session, so that nothing is drawn anew for it."""
+        """The same in every session, so that nothing is drawn again for it."""
         return "drawings.arguments"
 
 

@@ -1,4 +1,4 @@
-"""The directive ``functionals``: a table of the outputs of a flow, written from that of the package."""
+"""The directive ``functionals``: a table of the outputs of a flow, written from the package's."""
 
 from docutils import nodes
 from docutils.parsers.rst import Directive

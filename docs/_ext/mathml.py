@@ -1,4 +1,4 @@
-"""Write formulas as MathML, which every current browser draws by itself: the pages need no script and no network."""
+"""Write formulas as MathML, which every current browser draws: the pages need no script and no network."""
 
 import re
 

@@ -5,7 +5,7 @@ DEPTH = 2
 
 
 def shorten(app, pagename, templatename, context, doctree) -> None:
-    """Limit the depth; the theme asks for all levels, and reads them anew for each page, which is most of the work."""
+    """Limit the depth; the theme asks for all levels, and reads them again for each page, which is most of the work."""
     whole = context.get("toctree")
     if whole is not None:
         context["toctree"] = lambda **options: whole(**{**options, "maxdepth": DEPTH})
