@@ -30,6 +30,9 @@ _NEAR = 0.05
 _BASE, _STRAIGHT = 0.01, np.sqrt(0.75)
 """Longest step on half of a base, relative to the total length, and cosine of the largest turn of sides."""
 
+_NEXT = 999.0
+"""Both numbers of a line between two elements, as XFOIL and MSES have it."""
+
 
 def airfoil(name: str | PathLike, blunt: bool = False) -> Airfoil:
     """Make an airfoil from a name: NACA digits, coefficients of class and shape functions, or a file.
@@ -157,6 +160,8 @@ def _rows(path: Path) -> tuple[list[_Row], tuple[int, int] | None]:
         text = re.split(r"[#!]", line)[0].strip()
         words = re.split(r"[\s,;]+", text.strip(",; \t"))
         values = [_number(word) for word in words]
+        if rows and values == [_NEXT, _NEXT]:
+            raise InputError(f"{path}: line {number}: '{text}' separates elements; give a file of one element")
         if None not in values:
             rows.append(_Row(number, text, tuple(value for value in values if value is not None)))
         elif rows and len(rows[-1].values) > 1 and values[0] is not None and not re.search("[A-Za-z]{3}", text):

@@ -22,6 +22,9 @@ _FRONT = 0.05
 _ROUND_OFF, _CROSSED = 1e-9, 1e-6
 """Fractions of the chord within which points coincide, and by which sides may cross: files have five digits."""
 
+_SHARP, _THICKER = 0.01, 2.0
+"""Height of a trailing edge in chords that is no base, and how much thicker the rear has to be to be a nose."""
+
 
 def check_outline(
     points: np.ndarray,  # (n, 2)
@@ -81,6 +84,14 @@ def _check_sides(points: np.ndarray, along: np.ndarray, at_nose: int, name: str,
         raise InputError(
             f"{name}: {place(number)}: {_text(points[number])} is {-between[number]:.1g} chords beyond the other side: "
             f"the sides cross; correct it"
+        )
+    sides = [_rising(along[side], heights[side]) for side in (first, second)]
+    rear, front = (np.interp(at, *sides[0]) - np.interp(at, *sides[1]) for at in (0.1, 0.9))
+    gap = np.linalg.norm(points[0] - points[-1]) / np.linalg.norm(across)
+    if gap < _SHARP and rear > _THICKER * front:
+        raise InputError(
+            f"{name}: its sharp end is at {_text(points[at_nose])} and its blunt one at {_text(tail)}; turn it, so "
+            f"that the nose has the smaller x"
         )
 
 

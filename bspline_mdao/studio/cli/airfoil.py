@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,9 @@ from .output import check_outputs, counts_text
 CELLS, DENSE, ENOUGH = 4, 2.5, 66
 """Cells per control point, around the airfoil if these are few, and control points around that fit any section to 1e-5
 chords: with fewer the spline leaves the nose."""
+
+INCLINED = 0.5
+"""Angle of the chord line in degrees that is worth a line: camber moves the nose by less."""
 
 THICK_BASE = 0.01
 """Height of a trailing edge in chords above which closing it changes the flow, and a warning is given."""
@@ -81,6 +85,12 @@ def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) ->
     if unit != 1.0 or origin.any():
         chord = f"{options.chord:g} {grid.length_unit}"
         lines.append(f"the chord is {unit:.6g} long there: scaled to {chord}, with the nose at the origin")
+    along = section.tail - section.nose
+    incidence = math.degrees(math.atan2(-along[1], along[0]))
+    if abs(incidence) > INCLINED:
+        way = "up" if incidence > 0.0 else "down"
+        said = f"the chord is inclined by {abs(incidence):.3g} deg there, nose {way}"
+        lines.append(f"{said}, and stays so: angles of attack add to it")
     is_warned, said = _of_base(base, options)
     lines += [] if is_warned else said
     return MadeGrid(

@@ -129,6 +129,8 @@ def changed(row, point):
         (lines(CAMBERED[:20]) + "0.5\n" + lines(CAMBERED[20:]), "line 21: '0.5' is not a point"),
         ("t\n 30. 30.\n" + lines(CAMBERED), "line 2: says that there are 30 and 30 points, and 101 follow"),
         (lines(CAMBERED * [1.0, 0.0]), "its sides coincide"),
+        (lines([1.0, 0.0] - CAMBERED * [1.0, -1.0]), "its sharp end is at .* and its blunt one at .*; turn it"),
+        (lines(CAMBERED) + "999.0 999.0\n" + lines(CAMBERED), "line 102: '999.0 999.0' separates elements"),
         (lines(np.column_stack([CAMBERED, CAMBERED[:, 0]]), "{} {} {}"), r"three columns, and the third one varies"),
         ("hello\n", "has no points"),
         ("a\0b", "is not text in two columns"),

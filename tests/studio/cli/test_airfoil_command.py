@@ -88,7 +88,7 @@ def test_a_grid_has_the_unit_that_was_asked_for_and_chord_and_first_cell_are_in_
     assert read_grid("plain.cgns").length_unit == "m"
 
 
-def test_what_is_done_to_a_blunt_file_in_percent_is_said(said):
+def test_what_is_done_to_a_blunt_shifted_or_inclined_file_is_said(said):
     Path("foil.dat").write_text("2412\n" + lines(100.0 * naca_airfoil("2412", blunt=True).points[::4]))
     words = said("foil.dat", "-o", "foil.xyz", "--around", "32", "--away", "8")
     assert "the chord is 100.008 long there: scaled to 1 m" in words
@@ -96,6 +96,11 @@ def test_what_is_done_to_a_blunt_file_in_percent_is_said(said):
     Path("shifted.dat").write_text(lines(naca_airfoil("2412").points[::4] + [0.3, 0.0]))
     words = said("shifted.dat", "-o", "foil.xyz", "--overwrite", "--around", "32", "--away", "8")
     assert "the chord is 1.00008 long there: scaled to 1 m, with the nose at the origin" in words
+    assert "the chord is inclined" not in words
+    turned = naca_airfoil("2412").points[::4] @ [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]]
+    Path("turned.dat").write_text(lines(turned))
+    words = said("turned.dat", "-o", "foil.xyz", "--overwrite", "--around", "32", "--away", "8")
+    assert "the chord is inclined by 5.82 deg there, nose up, and stays so: angles of attack add to it" in words
     thick = said("cst:0.2,0.2/-0.2,-0.2/0.03", "-o", "thick.xyz", "--overwrite", "--around", "32", "--away", "8")
     assert "warning: the trailing edge is 3 % thick" in thick
 
