@@ -17,13 +17,15 @@ from .formats import POLYMESH, read_names
 __all__ = ["head_of_grid"]
 
 _MESH = "is {} mesh, without structured blocks; {}; 'bspline-mdao ride MODEL.h5 {}' moves it with the model of one"
-_NOT_READ = "is a {} file, which is looked at and not read here; {}"
+_NOT_READ = "is a {} file, which is not read here; {}"
+_LEGACY = f"{_NOT_READ}, or save an unstructured mesh as .vtu, .msh or .su2"
 
 _OTHERS = (
     (rb"\$MeshFormat", _MESH, "a Gmsh"),
     (rb"(?:[ \t\r]*(?:%.*)?\n)*[ \t]*(?:NDIME|NZONE)\s*=", _MESH, "an SU2"),
     (rb"(?:<\?xml.*\?>)?\s*(?:<!--.*-->\s*)?<VTKFile[^>]*UnstructuredGrid", _MESH, "a VTK"),
-    (rb"(?:<\?xml.*\?>)?\s*(?:<!--.*-->\s*)?<VTKFile|# vtk DataFile", _NOT_READ, "ParaView"),
+    (rb"(?:<\?xml.*\?>)?\s*(?:<!--.*-->\s*)?<VTKFile", _NOT_READ, "ParaView"),
+    (rb"# vtk DataFile", _LEGACY, "legacy VTK"),
     (rb"\s*(?:TITLE|VARIABLES|FILETYPE)\s*=|#!TDV", _NOT_READ, "Tecplot"),
     (rb"ISO-10303-21", "is a CAD file ({}), of surfaces without a grid; {}", "STEP"),
     (rb"SQLite format 3", "is {} of an optimisation; {}; 'bspline-mdao report {}' shows it", "a case file"),

@@ -12,7 +12,7 @@ HEADS = {
     "a.msh": (b"$MeshFormat\n4.1 0 8\n", "is a Gmsh mesh, .* give a PLOT3D or CGNS grid; .*ride MODEL.h5 .*a.msh'"),
     "a.su2": (b"% made by hand\n\n  % for a test\r\n NDIME= 2\n", "is an SU2 mesh, without structured blocks"),
     "a.vtu": (b'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid">', "is a VTK mesh, without structured blocks"),
-    "a.vtk": (b"# vtk DataFile Version 3.0\n", "is a ParaView file, .* not read here; give a PLOT3D or CGNS grid"),
+    "a.vtk": (b"# vtk DataFile Version 3.0\n", r"is a legacy VTK file, .* a PLOT3D or CGNS grid, or save .* as \.vtu"),
     "a.tec": (b' variables = "x" "y" "z"\n', "is a Tecplot file"),
     "a.step": (b"ISO-10303-21;\nHEADER;\n", "is a CAD file .STEP., of surfaces without a grid"),
 }
