@@ -354,7 +354,10 @@ def _parse(text: str) -> Request:
     for word in (first, *rest):
         pair = re.fullmatch(r"\s*([a-z]+)\s*=\s*([^=]+?)\s*", word)
         if pair is None:
-            raise InputError(f"deformation '{text}' is not of the form name=value; write for example twist=30deg")
+            raise InputError(
+                f"deformation '{text}': '{word.strip()}' is not of the form name=value, such as twist=30deg; the "
+                f"lengths of a vector have strokes between them, as in translate=0.1/0/0"
+            )
         pairs.append((pair[1], pair[2]))
     (name, value), *options = pairs
     value, *place = value.split("@", 1)
