@@ -66,6 +66,13 @@ def draft_study(
     with replaced_file(output) as part:
         part.write_text(text, encoding="utf-8")
     print_lines([*_key_lines(text), f"{output} written; check it, and run 'bspline-mdao optimize {output} -o out'"])
+    if body.axes and body.plane_off and "[flow]" in text:
+        print_warnings(
+            [
+                f"{output}: flows need the plane of symmetry at {body.axes[1]} = 0, and it is at {body.plane_off:g}: "
+                f"shift the grid, fit it again and draft the study again"
+            ]
+        )
     if body.lacks_lattice:
         print_warnings(
             [

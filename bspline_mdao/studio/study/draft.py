@@ -243,6 +243,9 @@ def _axes(body: Body) -> Iterator[str]:
     if body.axes and body.why_backwards:
         yield f"# {body.why_backwards}:"
         yield "# turn the grid by 180 degrees first"
+    if body.axes and body.plane_off:
+        yield f"# flows need the plane of symmetry at {body.axes[1]} = 0, and it is at {body.plane_off:g}:"
+        yield "# shift the grid first"
     yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
 
 

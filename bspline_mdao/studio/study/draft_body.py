@@ -98,6 +98,14 @@ class Body(ABC):
         return why_backwards(self.surface.points, self.surface.quads, self.frame)
 
     @cached_property
+    def plane_off(self) -> float:
+        """Where along the span the only plane of symmetry is; 0 if flows accept it, or there is none or several."""
+        planes = [plane for plane in self.surface.planes if abs(plane.normal @ self.frame.axes[2]) > _ALIGNED]
+        if self.is_section or len(planes) != 1 or abs(planes[0].offset) <= _IN_PLANE * self.surface.size:
+            return 0.0
+        return float(planes[0].offset * planes[0].normal[np.abs(planes[0].normal).argmax()])
+
+    @cached_property
     def why_no_lattice(self) -> str:
         """Why a vortex lattice is not suitable; empty if it is."""
         if self.is_section:

@@ -496,6 +496,17 @@ def test_a_body_that_is_no_wing_gets_a_study_of_its_shape(workplace, capsys):
     assert run(["optimize", "studies/ball.toml", "-o", "out", "--max-iterations", "3"]) == 0
 
 
+def test_init_says_that_a_plane_of_symmetry_off_zero_has_to_be_shifted(workplace, capsys):
+    grid = onera_m6_grid((9, 9, 7))
+    for name, by in (("at_half.cgns", 0.5), ("at_zero.cgns", 0.0)):
+        nodes = grid.to_vector().reshape(-1, 3) + [0.0, 0.0, by]
+        write_grid(name, grid.with_vector(nodes.ravel()))
+        assert run(["init", name, "-o", f"{name}.toml"]) == 0
+        said = "flows need the plane of symmetry at z = 0, and it is at 0.5: shift the grid"
+        assert (said in " ".join(capsys.readouterr().err.split())) == bool(by)
+        assert ("# shift the grid first" in Path(f"{name}.toml").read_text()) == bool(by)
+
+
 def test_a_model_without_walls_is_to_be_fitted_again_with_patches(workplace, capsys):
     write_grid("ball.xyz", ball_grid((5, 5, 5, 5)))  # a PLOT3D file has no patches
     assert run(["fit", "ball.xyz", "-o", "ball.h5"]) == 0
