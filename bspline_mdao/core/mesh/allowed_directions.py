@@ -105,7 +105,7 @@ def required_planes(
     parts: Sequence[np.ndarray],  # points of each patch, shape (n, 3)
     whats: Sequence[str],  # names of the patches, for messages
     why: str = "is of kind symmetry",  # why they have to be planar
-    advice: str = "make its kind 'other'",  # what to do if one is not
+    advice: str = "mend the grid, or make its kind 'other'",  # what to do if one is not
 ) -> list[MeanPlane]:
     """Mean planes of patches that have to be planar up to their roughness; `InputError` if one is not."""
     planes, near = mean_planes(parts), near_enough(parts)
