@@ -178,7 +178,7 @@ def test_an_element_that_tangles_beside_a_fixed_patch_says_so():
 def test_a_symmetry_patch_that_is_not_planar_is_refused():
     grid = channel_grid()
     grid.blocks[0].nodes[2, 0, 2, 1] += 1e-3
-    with pytest.raises(InputError, match=r"symmetry is of kind symmetry, but leaves its plane by .* m; mend the grid, or"):
+    with pytest.raises(InputError, match=r"kind symmetry, but leaves its plane by .* m; mend the grid, or make its"):
         mesh_of(grid)
 
 
