@@ -1,5 +1,8 @@
 """The vortex lattice as a flow about a grid, with the variables of the other flows."""
 
+import re
+import warnings
+
 import numpy as np
 import openmdao.api as om
 import pytest
@@ -11,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from bspline_mdao import InputError, LatticeFlow, fit_grid
 from bspline_mdao.core.mesh.surface import SurfaceGrid
+from bspline_mdao.flow import ReferenceWarning
 from bspline_mdao.flow.loads.force_coefficients import ForceCoefficients
 from bspline_mdao.flow.loads.induced_drag import InducedDrag
 from bspline_mdao.flow.loads.section_loads import SECTION_LOADS
@@ -184,6 +188,18 @@ def test_area_and_chord_scale_the_coefficients(rectangular):
 
 
 @pytest.mark.slow
+def test_a_reference_area_in_another_unit_is_warned_of():
+    model = fit_grid(onera_m6_grid((9, 8, 7)))
+    words = r"reference area is 1\.16e\+06 m\^2, and the walls as seen from above have 1\.1\d m\^2; check its unit"
+    for area, is_warned in ((1.16e6, True), (1.16, False), (0.75, False)):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", ReferenceWarning)
+            om.Problem(LatticeFlow(model=model, reference_area=area, n_span=5), reports=False).setup()
+        found = [str(each.message) for each in caught if issubclass(each.category, ReferenceWarning)]
+        assert len(found) == is_warned
+        assert not is_warned or re.search(words, found[0])
+
+
 def test_span_load_adds_up_to_the_lift(rectangular):
     problem = flow(rectangular)
     strips = np.diff(problem.get_val("camber_surface")[0, :, 1])

@@ -22,6 +22,7 @@ from ...core.om.component import SMOOTH_STEP, add_bar, difference_step, directio
 from ...core.om.model_option import Copied, declare_model
 from ...core.om.surface_measure import SurfaceMeasure
 from ...errors import InputError
+from ...grids.cells.quads import area_vectors
 from ...names import GRID, SURFACE
 from ..loads.force_coefficients import ForceCoefficients
 from ..loads.induced_drag import InducedDrag
@@ -30,7 +31,7 @@ from ..loads.span_strips import SpanStrips
 from ..loads.stream import RADIAN
 from ..loads.wing_coefficients import WingCoefficients
 from .outputs import declare_outputs, documents_outputs
-from .references import REFERENCES, declare_references
+from .references import REFERENCES, declare_references, warn_of_area
 from .vortex_lattice import LatticeStates
 
 N_CHORD, N_SPAN = 5, 17
@@ -137,6 +138,9 @@ class LatticeFlow(Copied, om.Group):
         surface = SurfaceGrid.of(model, self.options["patches"])
         settings = {name: self.options[name] for name in ("axes", "n_chord", "n_span", "ends")}
         camber = lattice_camber(surface, **settings)
+        area, up = self.options["reference_area"], np.eye(3)["xyz".index(self.options["axes"][2])]
+        if area and self.comm.size == 1:
+            warn_of_area(self.pathname, area, area_vectors(surface.points[surface.quads]), up)
         self.add_subsystem("camber", UnfoldedLattice(measure=camber), promotes_outputs=["*"])
         rows = self._rows_here()
         places, n_nodes = _places(rows, surface.rows)

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
+
+import numpy as np
 from openmdao.utils.options_dictionary import OptionsDictionary
 
-__all__ = ["REFERENCES", "declare_references"]
+from ...errors import ReferenceWarning
+
+__all__ = ["REFERENCES", "declare_references", "warn_of_area"]
+
+_AREA_FACTOR = 8.0
+"""How far a reference area may be from the walls' as seen from above: square feet are 10.8 in a square metre."""
 
 REFERENCES = ("reference_area", "reference_chord", "moment_reference")
 """Options that a group around the forces passes on."""
@@ -15,3 +23,20 @@ def declare_references(options: OptionsDictionary) -> None:
     options.declare("reference_area", default=None, desc="of what the grid shows, m**2")
     options.declare("reference_chord", default=1.0, desc="for moments, m")
     options.declare("moment_reference", default=(0.0, 0.0, 0.0), desc="point that moments are about, m")
+
+
+def warn_of_area(
+    path: str,  # what the options belong to, for the message
+    area: float,  # reference area (m^2)
+    areas: np.ndarray,  # (n, 3), area vectors of the faces of the walls (m^2)
+    up: np.ndarray,  # (3,), direction up
+) -> None:
+    """Warn of a reference area in another unit than the grid, or of axes that see no wall from above."""
+    seen = 0.5 * float(np.abs(areas @ up).sum())
+    if not seen / _AREA_FACTOR < area < _AREA_FACTOR * seen:
+        warnings.warn(
+            f"{path or 'flow'}: the reference area is {area:.4g} m^2, and the walls as seen from above have {seen:.3g} "
+            f"m^2; check its unit, which is the grid's, and the axes",
+            ReferenceWarning,
+            stacklevel=2,
+        )
