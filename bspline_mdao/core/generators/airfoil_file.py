@@ -155,7 +155,7 @@ def _rows(path: Path) -> tuple[list[_Row], tuple[int, int] | None]:
         ) from error
     if b"\0" in data:
         raise InputError(f"{path}: is not text in two columns; give a file of points, or a name such as naca0012")
-    rows = []
+    rows: list[_Row] = []
     for number, line in enumerate(data.decode("utf-8-sig", errors="replace").splitlines(), 1):
         text = re.split(r"[#!]", line)[0].strip()
         words = re.split(r"[\s,;]+", text.strip(",; \t"))

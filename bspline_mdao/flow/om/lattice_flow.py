@@ -182,7 +182,8 @@ class UnfoldedLattice(SurfaceMeasure):
             i, j = np.argwhere(folded)[0] + 1
             raise om.AnalysisError(
                 f"{self.msginfo}: {np.count_nonzero(folded)} of {folded.size} panels of the lattice are folded, the "
-                f"first in row {i} from the leading edge and column {j} from the tip; take a smaller step"
+                f"first in row {i} from the leading edge and column {j} from the tip; take a smaller step, or "
+                f"check the axes if this is the baseline"
             )
 
 

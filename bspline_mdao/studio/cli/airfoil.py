@@ -89,8 +89,10 @@ def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) ->
     incidence = math.degrees(math.atan2(-along[1], along[0]))
     if abs(incidence) > INCLINED:
         way = "up" if incidence > 0.0 else "down"
-        said = f"the chord is inclined by {abs(incidence):.3g} deg there, nose {way}"
-        lines.append(f"{said}, and stays so: angles of attack add to it")
+        lines.append(
+            f"the chord is inclined by {abs(incidence):.3g} deg there, nose {way}, and stays so: angles of attack add "
+            f"to it"
+        )
     is_warned, said = _of_base(base, options)
     lines += [] if is_warned else said
     return MadeGrid(
