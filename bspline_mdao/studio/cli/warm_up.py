@@ -49,8 +49,6 @@ def warm_up(processes: int | None, json: Path | None) -> None:
     done = _read(stamp)
     if done is None:
         with progress_bar("kernels") as progress:
-            if not is_terminal():
-                print(f"{PROGRAM}: {COMPILING}", file=sys.stderr, flush=True)
             done = compile_kernels(chains(), processes, progress)
         _write(stamp, done)
     numbers = {
@@ -69,6 +67,9 @@ def warm_up(processes: int | None, json: Path | None) -> None:
         print_lines([f"nothing to compile: {kept} that usual commands need are in {folder}"])
         return
     how = f"{counted(done.n_processes, 'process', 'processes')}, {done.seconds:.0f} s"
+    if not done.n_compiled:
+        print_lines([f"all were compiled before: {kept} that usual commands need are in {folder}", f"checked in {how}"])
+        return
     print_lines(
         [
             f"compiled {done.n_compiled:,} kernels for one signature each, in {how}",
@@ -105,8 +106,10 @@ def compile_kernels(
                 elif word == "needs":
                     needed |= {(index, signature) for index, signature in json_format.loads(rest)}
                 else:
+                    if word == "compiles" and not n_compiled and not is_terminal():
+                        print(f"{PROGRAM}: {COMPILING}", file=sys.stderr, flush=True)
                     n_ran, n_compiled = n_ran + (word == "ran"), n_compiled + (word == "compiles")
-                    progress(n_ran / n_commands, f"{n_compiled} compiled, {COMPILING}")
+                    progress(n_ran / n_commands, f"{n_compiled} compiled, {COMPILING}" if n_compiled else "checking")
         finally:
             for worker in running.values():
                 worker.kill()

@@ -145,7 +145,6 @@ def test_nothing_is_done_where_all_is_there(place, capsys):
     numbers = folder / "numbers.json"
     assert run(["warm-up", "--processes", "2", "--json", str(numbers)]) == 0
     said = capsys.readouterr()
-    assert "compiling, once" in said.err
     assert "compiled 3 kernels" in said.out
     assert "3 specialisations of 2 kernels" in said.out
     first = json.loads(numbers.read_text())
@@ -159,6 +158,27 @@ def test_nothing_is_done_where_all_is_there(place, capsys):
     indexes[1].unlink()
     assert run(["warm-up"]) == 0
     assert calls == [2, None]
+
+
+@pytest.mark.parametrize("n_compiled", [0, 2])
+def test_kernels_that_are_all_there_without_a_note_are_not_said_to_be_compiled(
+    tmp_path, monkeypatch, capsys, n_compiled
+):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(warm_up, "chains", lambda: ("quality",))
+
+    def start(name, folder, locks, lines):
+        folder.mkdir()
+        for line in ["compiles one\n"] * n_compiled + ["ran quality\n", 'needs [["one.nbi", "(int64,)"]]\n', ""]:
+            lines.put((name, line))
+        return subprocess.Popen([sys.executable, "-c", ""])
+
+    monkeypatch.setattr(warm_up, "_start", start)
+    assert run(["warm-up"]) == 0
+    said = capsys.readouterr()
+    assert said.err.count("compiling, once") == bool(n_compiled)
+    assert ("all were compiled before: 1 specialisation of 1 kernel that" in said.out) == (not n_compiled)
+    assert ("compiled 2 kernels" in said.out) == bool(n_compiled)
 
 
 def test_other_kernels_are_compiled_for_another_processor_or_version(place, monkeypatch):
