@@ -131,9 +131,9 @@ class MachNumberWarning(UserWarning):
 class ReferenceWarning(UserWarning):
     """Doubtful reference values of a flow: axes, a reference area, or forces that differ from the solver's.
 
-    `OpenFoamFlow` gives one such warning for each doubt, after its first solution, and `LatticeFlow` one of a reference
-    area that is far from its walls'. The message is one line with the numbers. Nothing is refused, since all of it may
-    be intended.
+    `OpenFoamFlow` gives one such warning for each doubt, after its first solution. `LatticeFlow` and `EulerFlow` give
+    one of a reference area that is far from the walls'. The message is one line with the numbers. Nothing is refused,
+    since all of it may be intended.
 
     Examples
     --------

@@ -1,5 +1,6 @@
 """The flow by the Euler equations as an OpenMDAO group: derivatives of every output, failures, warm starts."""
 
+import warnings
 from dataclasses import replace
 from functools import cache
 
@@ -9,10 +10,12 @@ import pytest
 
 from bspline_mdao import EulerFlow, FittedModel, GridMovement, InputError, fit_grid
 from bspline_mdao.design import Local, OnPatch, Parametrization, ReferenceAxis, Twist
+from bspline_mdao.flow import ReferenceWarning
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.walls import Walls
+from bspline_mdao.flow.om.references import warn_of_area
 from bspline_mdao.generators import infinite_wing_grid, naca_section, onera_m6_grid
 from bspline_mdao.movers import moving_mesh
 from bspline_mdao.testing import central_difference
@@ -278,6 +281,40 @@ def test_plane_of_symmetry_away_from_span_0_is_refused():
     nodes = wing().regenerate().to_vector().reshape(-1, 3)
     with pytest.raises(InputError, match="plane of symmetry is at span 1; shift the grid"):
         FlowForces.of(FlowGrid.of(wing().topology, nodes), nodes + np.array([0.0, 0.0, 1.0]), 1.16)
+
+
+def n_warnings(run) -> int:
+    """How often a call warns of references."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run()
+    return sum(issubclass(each.category, ReferenceWarning) for each in caught)
+
+
+def test_a_reference_area_in_another_unit_is_warned_of():
+    for area, is_warned in (
+        (1.16e6, True),
+        (1.16e-6, True),
+        (1.16, False),
+        (0.58, False),
+        (2.32, False),
+        (20.0, False),
+    ):
+        flow = EulerFlow(model=wing(), reference_area=area)
+        assert n_warnings(om.Problem(flow, reports=False).setup) == is_warned
+
+
+def test_no_area_that_is_usual_for_a_missile_a_disk_a_fin_or_a_thin_section_is_warned_of():
+    def warned(area, views):  # faces on both sides of a body with these areas seen along x, y and z
+        faces = np.diag(views)
+        return n_warnings(lambda: warn_of_area("flow", area, np.concatenate([faces, -faces])))
+
+    assert not warned(0.785, (0.785, 15.0, 15.0))
+    assert not warned(0.785, (0.785, 0.0, 0.0))
+    assert not warned(2.0, (0.2, 0.0, 2.0))
+    assert not warned(1e-3, (1e-4, 1e-3, 0.0))
+    assert warned(1.0, (1e-4, 1e-3 / 2, 0.0))
+    assert warned(1.0, (1e5, 1e6, 0.0))
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from ...core.om.subdomains import declare_partition, part_of_model
 from ...errors import InputError
 from ...grids.topology.partition import Partition, Subdomain
 from ...names import GRID
-from ..euler.flow_grid import FlowGrid
+from ..euler.flow_grid import FlowGrid, area_vectors
 from ..euler.forces import FlowForces
 from ..euler.gas import N_STATES
 from ..euler.residual import SHOCK_THRESHOLD
@@ -35,7 +35,7 @@ from .euler_wall_forces import EulerWallForces
 from .flow_files import load_states, save_states, write_fields
 from .moved_hinge import MovedHingeMoment
 from .outputs import declare_outputs, documents_outputs
-from .references import REFERENCES, declare_references
+from .references import REFERENCES, declare_references, warn_of_area
 from .spurious_drag import drag_sources, is_optimised, refuse_no_induced_drag, warn_of_spurious_drag
 from .trimmed_state import TrimmedState
 
@@ -183,6 +183,8 @@ class EulerFlow(Copied, om.Group):
         settings = {name: self.options[name] for name in SOLVER_OPTIONS}
         references = [self.options[name] for name in REFERENCES]
         forces = FlowForces.of(flow, nodes, *references, hinges=self._hinges(flow))  # type: ignore[misc]
+        if self.comm.size == 1:
+            warn_of_area(self.pathname, references[0], area_vectors(flow.walls.nodes(nodes), flow.walls.corners))
         kind = TrimmedState if self.options["trim"] else EulerState
         state = kind(flow=flow, levels=levels, nodes=nodes, forces=forces, **settings)
         if self.options["restart"] is not None:
