@@ -66,6 +66,8 @@ def draft_study(
     with replaced_file(output) as part:
         part.write_text(text, encoding="utf-8")
     print_lines([*_key_lines(text), f"{output} written; check it, and run 'bspline-mdao optimize {output} -o out'"])
+    if body.axes and body.why_backwards:
+        print_warnings([f"{output}: {body.why_backwards}; turn the mesh"])
     if body.axes and body.plane_off and "[flow]" in text:
         print_warnings(
             [

@@ -507,6 +507,16 @@ def test_init_says_that_a_plane_of_symmetry_off_zero_has_to_be_shifted(workplace
         assert ("# shift the grid first" in Path(f"{name}.toml").read_text()) == bool(by)
 
 
+def test_init_warns_of_a_wing_that_lies_the_other_way_round(workplace, capsys):
+    grid = onera_m6_grid((9, 9, 7))
+    for name, turned in (("turned.cgns", [-1.0, -1.0, 1.0]), ("usual.cgns", 1.0)):
+        nodes = grid.to_vector().reshape(-1, 3) * turned
+        write_grid(name, grid.with_vector(nodes.ravel()))
+        assert run(["init", name, "-o", f"{name}.toml"]) == 0
+        said = f"warning: {name}.toml: the stream is taken to run along +x, and the downstream end of the sections is"
+        assert (said in " ".join(capsys.readouterr().err.split())) == (name == "turned.cgns")
+
+
 def test_a_model_without_walls_is_to_be_fitted_again_with_patches(workplace, capsys):
     write_grid("ball.xyz", ball_grid((5, 5, 5, 5)))  # a PLOT3D file has no patches
     assert run(["fit", "ball.xyz", "-o", "ball.h5"]) == 0
