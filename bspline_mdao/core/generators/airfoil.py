@@ -51,6 +51,14 @@ _CAMBER = {
 """Tables 1 and 2 of TM 4741."""
 
 
+_FEW = 0.055
+"""Distance in chords between an outline and the curve through every second point from which its points are too few.
+
+With 11 points, dense at both ends, it is 0.07 for NACA sections, and they come out 5 to 10 % too thick; with 21 it is
+0.015, and the thickness is within 1 %. With 31 points equally far apart it is 0.044, all at the nose, and the thickness
+is within 0.1 %."""
+
+
 @dataclass(frozen=True, eq=False)
 class Airfoil(OneLine):
     """The outline of a section: one cubic spline in chord length through points, including the nose.
@@ -115,6 +123,19 @@ class Airfoil(OneLine):
         terms = np.column_stack([np.ones_like(x), np.sqrt(x), x])  # the terms of NACA sections and of class functions
         radius = 0.5 * float(np.linalg.lstsq(terms, half**2 / x, rcond=None)[0][0])
         return radius if radius > 0.0 else 0.5 * float(half[0] ** 2 / x[0])  # a nose with few points
+
+    @cached_property
+    def few_points(self) -> str:
+        """What to do if the points are too few for one curve; empty if they suffice."""
+        every = np.unique(np.append(np.arange(0, len(self.points), 2), len(self.points) - 1))
+        arc = self._curve.x
+        off = np.linalg.norm(CubicSpline(arc[every], self.points[every])(arc) - self.points, axis=1).max() / self.chord
+        if off <= _FEW:
+            return ""
+        return (
+            f"{len(self.points)} points are too few to determine the outline, so its thickness and nose are guesses; "
+            f"give more, such as 61, dense at the nose"
+        )
 
     @property
     def thickness(self) -> float:

@@ -102,7 +102,7 @@ def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) ->
         numbers,
         options.reynolds and options.reynolds / options.chord,
         "give more cells --around" + (", or --topology C" if options.topology == "O" else ""),
-        said if is_warned else [],
+        [*(said if is_warned else []), *([section.few_points] if section.few_points else [])],
     )
 
 

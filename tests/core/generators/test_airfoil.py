@@ -166,6 +166,30 @@ def test_an_outline_in_python_is_refused_by_the_number_of_the_point():
         Airfoil(CAMBERED[::-1])
 
 
+@pytest.mark.parametrize("digits", ["0006", "0021", "2412", "23012"])
+def test_points_that_are_too_few_for_the_thickness_are_said_to_be(digits):
+    whole = naca_airfoil(digits)
+    for n, off, is_dense in (
+        (11, 0.11, True),
+        (21, 0.01, True),
+        (31, 1e-3, True),
+        (31, 1e-3, False),
+        (101, 1e-4, True),
+    ):
+        x = np.linspace(0.0, 1.0, (n + 1) // 2)
+        x = 0.5 * (1.0 - np.cos(np.pi * x)) if is_dense else x
+        upper, lower = (
+            np.column_stack([x, np.interp(x, *side.T)]) for side in (whole.section.upper, whole.section.lower)
+        )
+        section = Airfoil(np.concatenate([upper[::-1], lower[1:]]), "few")
+        assert bool(section.few_points) == (n == 11)
+        assert abs(section.thickness / whole.thickness - 1.0) < off
+        if n == 11:
+            assert section.few_points.startswith("11 points are too few")
+            assert section.thickness > 1.04 * whole.thickness
+    assert whole.few_points == ""
+
+
 def test_the_section_of_an_outline_is_itself_when_it_is_sharp_and_less_a_wedge_when_blunt():
     sharp, blunt = naca_airfoil("4415"), naca_airfoil("4415", blunt=True)
     assert distance_from(sharp, sharp.place(sharp.section.upper)) < 1e-7

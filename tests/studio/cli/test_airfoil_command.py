@@ -105,6 +105,13 @@ def test_what_is_done_to_a_blunt_shifted_or_inclined_file_is_said(said):
     assert "warning: the trailing edge is 3 % thick" in thick
 
 
+def test_a_file_of_too_few_points_is_warned_of(said):
+    for step, is_warned in ((40, True), (8, False)):
+        Path("few.dat").write_text(lines(naca_airfoil("0012").points[::step]))
+        words = said("few.dat", "-o", "few.xyz", "--overwrite", "--around", "32", "--away", "8")
+        assert ("warning: 11 points are too few to determine the outline" in words) == is_warned
+
+
 def test_where_a_cusp_inverts_a_cell_of_an_o_grid_a_c_grid_is_named_which_has_none(said):
     cusped = ("cst:0.17,0.16,0.3/-0.17,-0.1,0.3", "-o", "foil.xyz", "--overwrite", "--around", "64", "--away", "32")
     assert "warning: 1 inverted cell; give more cells --around, or --topology C" in said(*cusped)
