@@ -15,6 +15,7 @@ from ...base.text import counted
 from ...core.background.fit_mesh import mesh_of_blocks, read_marked_mesh
 from ...core.evaluation.spline_validity import certify_splines
 from ...core.fit.fitting import fit_blocks, fit_grid
+from ...core.mesh.boundary import symmetry_planes
 from ...core.model.fitted_blocks import FittedBlocks
 from ...core.model.fitted_model import FittedModel
 from ...core.model.records import CANDIDATES, Fallback, FitReport
@@ -136,6 +137,8 @@ def fit_model(
     with written_json(json, fit_numbers(model, certificate), comm):
         model.save(output)
     show_written(model, output, certificate)
+    if isinstance(model, FittedModel):
+        _warn_of_planes(model)
 
 
 def _fit_overlapping(
@@ -177,6 +180,14 @@ def _warn_of_patches(grid: Grid | StoredGrid, grid_name: str) -> None:
                 f"of first cells will find nothing; give the body the kind wall in a file for --patches"
             ]
         )
+
+
+def _warn_of_planes(model: FittedModel) -> None:
+    """Warn of patches of symmetry that are not plane, such as a far field that was declared so; moves refuse them."""
+    try:
+        symmetry_planes(model)
+    except InputError as error:
+        print_warnings([str(error)])
 
 
 def fit_numbers(model: FittedModel | FittedBlocks, certificate: Certificate | None) -> dict:

@@ -18,7 +18,7 @@ from bspline_mdao import FittedModel, Grid, __version__, read_grid, write_grid
 from bspline_mdao.base.numerics.progress import SWITCH
 from bspline_mdao.core.fit.options import EXPONENTS, METHODS
 from bspline_mdao.core.generators.built_in import BUILT_IN
-from bspline_mdao.generators import onera_m6_grid
+from bspline_mdao.generators import airfoil_grid, onera_m6_grid
 from bspline_mdao.grids.cells.aggregates import AGGREGATES
 from bspline_mdao.grids.topology.grid import Block
 from bspline_mdao.studio.cli import fit
@@ -175,6 +175,20 @@ def test_folders_that_are_missing_are_made_and_a_failure_leaves_none(model_file,
     fails_as_expected(["refine", model_file, "--factor", "1e6", "-o", "d/e/fine.xyz", "--json", "f/n.json"], capsys)
     assert not Path("d").exists()
     assert not Path("f").exists()
+
+
+def test_fit_warns_of_a_far_field_that_is_declared_symmetry_and_not_plane(workplace, capsys):
+    grid = airfoil_grid("naca0012", 24, 8)
+    for name, kind in (("usual", "farfield"), ("wrong", "symmetry")):
+        patches = tuple(replace(patch, kind=kind) if patch.kind == "farfield" else patch for patch in grid.patches)
+        write_grid(f"{name}.cgns", replace(grid, patches=patches))
+        assert run(["fit", f"{name}.cgns", "-o", f"{name}.h5"]) == 0
+        error = capsys.readouterr().err
+        assert (" is of kind symmetry, but leaves its plane by " in error) == (name == "wrong")
+    assert run(["move", "wrong.h5", "--deform", "pitch=1", "-o", "moved.xyz"]) == 2
+    assert error.splitlines()[-1].removeprefix("warning: ") in capsys.readouterr().err  # as move says
+    assert run(["fit", "@flat_plate:5x5x5", "-o", "plane.h5"]) == 0
+    assert "leaves its plane" not in capsys.readouterr().err
 
 
 def test_fit_says_before_it_fits_what_a_grid_without_walls_is_not_good_for(workplace, capsys):
