@@ -16,6 +16,7 @@ import numpy as np
 
 from ...base.checks import as_finite_points
 from ...base.display import Plottable
+from ...base.matching import MARKERS, matching_names
 from ...errors import InputError
 from ...grids.cells.cell_judge import CellJudge
 from ...grids.cells.gathered_quality import GatheredQuality
@@ -25,7 +26,7 @@ from ...grids.topology.node_partition import NodePartition
 from ...grids.topology.partition import Subdomain
 from ..design.deformation import Deformation
 from ..fit.surface_fit import follower_of
-from ..mesh.boundary import Selection, matching_names, moving_mesh
+from ..mesh.boundary import Selection, moving_mesh
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid, surface_of
 from ..mesh.surface_map import SurfaceMap, surface_map_of
@@ -294,7 +295,7 @@ class MeshModel(Plottable, Movable):
                 )
         if design is None:
             return self.moving_mesh
-        mesh, faces = self.moving_mesh, self._faces_of(matching_names(self.walls.names, design, self.source))
+        mesh, faces = self.moving_mesh, self._faces_of(matching_names(self.walls.names, design, self.source, MARKERS))
         ids = np.searchsorted(self.wall_rows, np.unique(faces)).astype(np.int32)
         rows = np.full(len(self.wall_rows), -1)
         rows[ids] = np.arange(len(ids))
@@ -328,7 +329,7 @@ class MeshModel(Plottable, Movable):
     def surface(self, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
         """Wall nodes, or nodes of other markers by name or pattern, see `SurfaceGrid.of`."""
         markers = self.mesh.markers or {}
-        wanted = self.walls.names if patches is None else matching_names(markers, patches, self.source)
+        wanted = self.walls.names if patches is None else matching_names(markers, patches, self.source, MARKERS)
         names = tuple(name for name in markers if name in wanted)
         faces = [self.mesh.into_fluid(markers[name]) for name in names]
         return surface_of_faces(self.mesh.points, dict(zip(names, faces)), self.planes)

@@ -25,9 +25,9 @@ from scipy.spatial import cKDTree
 
 from ...base.checks import as_finite_points
 from ...base.display import OneLine
+from ...base.matching import matching_names
 from ...base.text import counted
 from ...errors import InputError
-from ..mesh.boundary import matching_names
 from .trimmed_face import TrimmedFace
 
 __all__ = ["CadBody", "CadTie"]

@@ -20,8 +20,9 @@ from scipy.spatial import cKDTree
 
 from ...base.checks import as_direction, as_numbers, as_vector
 from ...base.display import OneLine
+from ...base.matching import MARKERS, matching_names
 from ...errors import InputError
-from ..mesh.boundary import boundary_points, matching_names, matching_patches
+from ..mesh.boundary import boundary_points, matching_patches
 from ..mesh.moving_mesh import MovingMesh
 
 __all__ = [
@@ -156,7 +157,7 @@ class OnPatch(Selection):
         if not is_of_nodes and [ids.shape for ids in model.control_ids] != [ids.shape for ids in mesh.blocks]:
             raise InputError(f"selection: the mesh is not of {model.source}; give OnPatch the model of the mesh")
         if mesh.markers:  # an unstructured mesh
-            wanted = matching_names([name for name, *_ in mesh.markers], self.patches, model.source)
+            wanted = matching_names([name for name, *_ in mesh.markers], self.patches, model.source, MARKERS)
             found = [ids for name, ids, _ in mesh.markers if name in wanted]
         else:
             wanted = matching_patches(model.topology, self.patches)

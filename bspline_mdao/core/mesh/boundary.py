@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from functools import singledispatch
 from itertools import combinations
 from typing import Any
@@ -21,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ...base.checks import as_array
+from ...base.matching import matching_names
 from ...base.numerics.mean_planes import MeanPlane
 from ...errors import InputError
 from ...grids.cells.quads import edges_of
@@ -52,7 +52,6 @@ from .span_lines import span_lines
 
 __all__ = [
     "boundary_points",
-    "matching_names",
     "matching_patches",
     "moving_grid",
     "moving_mesh",
@@ -425,23 +424,6 @@ def matching_patches(topology: Topology, patterns: str | Sequence[str]) -> froze
     """Names of all patches that match any of the patterns (``"wing*"``)."""
     names = {face.patch for face in topology.boundary if face.patch is not None}
     return matching_names(names, patterns, topology.source)
-
-
-def matching_names(
-    names: Iterable[str],  # existing names
-    patterns: str | Sequence[str],  # names or patterns (``"wing*"``)
-    what: str,  # what has them, for messages
-    called: tuple[str, str] = ("patch", "patches"),  # what they are called, singular and plural
-) -> frozenset[str]:
-    """Names, usually of patches, that match any of the patterns."""
-    found: set[str] = set()
-    for pattern in (patterns,) if isinstance(patterns, str) else patterns:
-        matches = {name for name in names if name == pattern or fnmatchcase(name, pattern)}
-        if not matches:
-            existing = ", ".join(sorted(names)) or "none"
-            raise InputError(f"{what}: no {called[0]} is called '{pattern}'; the {called[1]} are {existing}")
-        found |= matches
-    return frozenset(found)
 
 
 def _names(sliding: Sliding) -> str | Sequence[str]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...base.display import OneLine
+from ...base.matching import MARKERS, PATCHES, matching_names
 from ...errors import InputError
 from ...grids.cells.quads import edges_of, rings
 from ...grids.topology.boundary_surface import BoundarySurface, quads_in_turn
@@ -21,7 +22,7 @@ from ...grids.topology.topology import BoundaryFace, Topology, describe
 from ..model.model import Model, nodes_at
 from ..model.movable import Movable
 from .allowed_directions import required_planes
-from .boundary import matching_names, matching_patches, wall_patches
+from .boundary import matching_patches, wall_patches
 from .frame import Plane
 from .span_lines import span_lines
 
@@ -200,7 +201,7 @@ class SurfaceGrid(OneLine):
 
     def part(self, patches: str | Sequence[str]) -> tuple[int, ...]:
         """Numbers of the faces of some patches, by name or pattern (``"wing*"``)."""
-        wanted = matching_names(set(self.patches), patches, "surface")
+        wanted = matching_names(set(self.patches), patches, "surface", MARKERS if self.cells else PATCHES)
         if not wanted:
             raise InputError(f"surface: no patch is named; the patches are {', '.join(sorted(set(self.patches)))}")
         return tuple(number for number, patch in enumerate(self.patches) if patch in wanted)

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from fnmatch import fnmatchcase
 
 import tomlkit
 
+from ...base.matching import MARKERS, matching_names
 from ...errors import InputError
 from ..cells.mixed_cells import MixedMesh
 from .marker_guess import MARKER_KINDS, NO_WALL, MarkerGuess, guess_kinds
@@ -82,11 +82,8 @@ def read_kinds(path: str | os.PathLike, mesh: MixedMesh) -> dict[str, str]:
     for pattern, kind in kinds.items():
         if kind not in MARKER_KINDS:
             raise InputError(f"{source}: kinds: '{pattern}' = {kind!r} is not one of {listed(MARKER_KINDS)}")
-        if not any(fnmatchcase(name, pattern) for name in names):
-            raise InputError(
-                f"{source}: kinds: no marker is named '{pattern}'; {mesh.source} has {listed(names) or 'none'}"
-            )
-    fits = {name: next((kind for p, kind in kinds.items() if fnmatchcase(name, p)), None) for name in names}
+    matches = {pattern: matching_names(names, pattern, f"{source}: kinds", MARKERS) for pattern in kinds}
+    fits = {name: next((kinds[pattern] for pattern in kinds if name in matches[pattern]), None) for name in names}
     return {name: kind for name, kind in fits.items() if kind is not None}
 
 

@@ -203,7 +203,7 @@ def test_nodes_of_walls_are_named_by_their_markers():
         surface, nose = SurfaceGrid.of(model, names), OnPatch(model, names)
         np.testing.assert_array_equal(model.wall_rows[mesh.surface_ids[nose.mask(mesh)]], surface.rows)
     assert OnPatch(model, "nose").mask(moving_mesh(model, "nose")).all()
-    with pytest.raises(InputError, match="no patch is called 'tail'; the patches are body, nose"):
+    with pytest.raises(InputError, match="no marker is called 'tail'; the markers are body, nose"):
         OnPatch(model, "tail").mask(mesh)
     for marker, ids, numbers in mesh.markers:
         assert mesh.place_of_point(int(ids[-1])).startswith(f"node {numbers[-1]} of marker '")
@@ -368,7 +368,7 @@ def test_what_a_mesh_has_not_is_refused_in_one_line():
         TrailingEdgeAngle.at(surface)
     with pytest.raises(InputError, match="'fixed' is of grids of blocks"):
         moving_mesh(model, fixed="far_00")
-    with pytest.raises(InputError, match="no patch is called 'tail'; the patches are body"):
+    with pytest.raises(InputError, match="no marker is called 'tail'; the markers are body"):
         moving_mesh(model, "tail")
 
 

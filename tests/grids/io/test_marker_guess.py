@@ -220,7 +220,7 @@ def test_patterns_declare_and_a_draft_comes_back(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('[kinds]\n"wing" = "wall"\n', "no marker is named 'wing'; mesh has a, b, c, d, e, f"),
+        ('[kinds]\n"wing" = "wall"\n', "no marker is called 'wing'; the markers are a, b, c, d, e, f"),
         ('[kinds]\na = "wal"\n', "'a' = 'wal' is not one of wall, symmetry, farfield, periodic, inner, sliding, other"),
         ('[kind]\na = "wall"\n', "key 'kind' is not known"),
         ('[[patch]]\nname = "a"\n', r'has faces of blocks, and mesh has markers; write \[kinds\] .* "a" = "wall"'),

@@ -228,7 +228,7 @@ def test_what_cannot_be_fitted_or_moved_ends_in_one_line(workplace, capsys):
         fails_as_expected([command, "wing.h5"], capsys, "MeshModel.load in Python, and give its mesh ", "wing.su2 to")
     fails_as_expected([*move, "wing.su2"], capsys, "wing.su2")
     fails_as_expected([*move, "moved.su2", "--surface", "wing.step"], capsys, "leave out --surface wing.step")
-    fails_as_expected([*move, "moved.su2", "--design", "tail"], capsys, "no patch is called 'tail'")
+    fails_as_expected([*move, "moved.su2", "--design", "tail"], capsys, "no marker is called 'tail'")
     fails_as_expected(["fit", "@onera_m6", "--spacing", "1", "-o", "b.h5"], capsys, "--spacing")
     changed = su2_text(replace(mesh(), points=1.01 * mesh().points))
     (workplace / "wing.su2").write_text(changed)

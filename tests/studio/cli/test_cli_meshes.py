@@ -61,7 +61,7 @@ def test_inspect_of_a_mesh_without_a_wall_says_what_to_declare_and_its_draft_is_
     assert numbers("i.json")["to_declare"] is None
     (workplace / "k.toml").write_text('[kinds]\n"two" = "wall"\n')
     fails_as_expected(
-        ["inspect", "plane.su2", "--patches", "k.toml"], capsys, "no marker is named 'two'; plane.su2 has one"
+        ["inspect", "plane.su2", "--patches", "k.toml"], capsys, "no marker is called 'two'; the markers are one"
     )
 
 
