@@ -19,7 +19,6 @@ import numpy as np
 
 from ...errors import InputError
 from ..cad.tied_surface import body_of_file, require_on_faces
-from ..measures.blunt_end import why_backwards
 from ..measures.edge_cuts import cut_edges, edges_of_quads
 from ..mesh.control_net import surface_quads
 from ..mesh.frame import Frame, Plane, mesh_planes, surface_frame
@@ -53,10 +52,7 @@ __all__ = [
     "Request",
     "parse_deformation",
     "parse_requests",
-    "plane_warnings",
     "read_points",
-    "section_warnings",
-    "stream_warnings",
 ]
 
 SUFFIXES = (".csv", ".dat", ".npy", ".txt")
@@ -70,15 +66,6 @@ _POINT = rf"\s*({_NUMBER})\s*,\s*({_NUMBER})\s*,\s*({_NUMBER})\s*"
 
 _STEEPEST = 1.5
 """Largest slope of the fading of a blend, times its length."""
-
-_STREAMWISE = RotateSections, Pitch, ShearDownstream
-"""Maps whose signs depend on which end of the surface is upstream."""
-
-_OUT_OF_PLANE = 1e-3
-"""Displacement across a plane of symmetry, relative to the surface, that is warned of."""
-
-_SPANWISE = {RotateSections: "twist", Bend: "bend", ShearDownstream: "sweep", ShearUpwards: "dihedral"}
-"""Maps that differ along the span, and their names."""
 
 _INBOARD = 0.1
 """Fraction of the span inboard of an arc from which points count towards the surface thickness on it, which may have no
@@ -134,43 +121,6 @@ def parse_deformation(spec: str | Sequence[str], model: HasWallSpacing, mesh: Mo
         maps.append(_make(request, surface))
         surface = replace(surface, points=maps[-1].apply(surface.points), before=tuple(maps))
     return Deformation(mesh, tuple(maps))
-
-
-def stream_warnings(deformation: Deformation, model: Any) -> tuple[str, ...]:
-    """Warnings of a surface whose stream may be taken the wrong way, if the deformation depends on that."""
-    if not any(isinstance(point_map, _STREAMWISE) for point_map in deformation.maps):
-        return ()
-    walls = SurfaceGrid.of(model, designed_patches(model, deformation.mesh) or None)
-    why = why_backwards(walls.points, walls.quads, surface_frame(walls.points, walls.planes))
-    return (f"{why}; turn the mesh, or change the signs of twist, pitch and sweep",) if why else ()
-
-
-def plane_warnings(deformation: Deformation, unit: str) -> tuple[str, ...]:
-    """Warnings of a deformation that would take points of the surface out of their planes of symmetry."""
-    mesh, maps = deformation.mesh, deformation.maps
-    rows = mesh.in_plane_rows
-    if not len(rows) or any(isinstance(point_map, PrescribedPoints) for point_map in maps):  # these are refused
-        return ()
-    points = mesh.points[mesh.surface_ids]
-    change = reduce(lambda at, point_map: point_map.apply(at), maps, points) - points
-    off = float(np.abs(np.sum(change[rows] * mesh.in_plane_normals, axis=1)).max())
-    if off <= _OUT_OF_PLANE * float(np.ptp(points, axis=0).max()):
-        return ()
-    return (
-        f"the deformation would take points out of their plane of symmetry, by up to {off:.3g} {unit}; they stay in "
-        f"it, and the others move as asked",
-    )
-
-
-def section_warnings(deformation: Deformation) -> tuple[str, ...]:
-    """Warnings of a deformation of a section, if it differs along the span."""
-    names = " and ".join(f"'{_SPANWISE[type(each)]}'" for each in deformation.maps if type(each) in _SPANWISE)
-    if not names:
-        return ()
-    return (
-        f"the walls are a section, the same along the span, and {names} would change it along the span; 'pitch' turns "
-        f"all of it",
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,8 @@ from ...core.background.mesh_map import MeshState
 from ...core.background.mesh_model import MeshModel
 from ...core.background.open_mesh_file import open_mesh_file
 from ...core.cad.files import SUFFIXES
-from ...core.design.named_deformations import parse_deformation, section_warnings
+from ...core.design.deformation_warnings import section_warnings
+from ...core.design.named_deformations import parse_deformation
 from ...core.movement.mover import Movement
 from ...errors import InputError, MovementError
 from ...grids.cells.overlap_change import OverlapChange

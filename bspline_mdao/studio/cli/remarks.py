@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...core.design.deformation import Deformation
-from ...core.design.named_deformations import plane_warnings, section_warnings, stream_warnings
+from ...core.design.deformation_warnings import plane_warnings, section_warnings, stream_warnings
 
 __all__ = ["Remarks", "still_lines"]
 

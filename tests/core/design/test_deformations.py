@@ -23,9 +23,10 @@ from bspline_mdao.core.design.deformation import (
     random_bumps,
     vjp,
 )
+from bspline_mdao.core.design.deformation_warnings import plane_warnings, stream_warnings
 from bspline_mdao.core.design.hinge import NearestPart, RotatedPart
 from bspline_mdao.core.design.lattice_deformation import LatticeDeformation
-from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints, plane_warnings, stream_warnings
+from bspline_mdao.core.design.named_deformations import DEFORMATIONS, PrescribedPoints
 from bspline_mdao.core.design.section_maps import SCALED_AFTER_TURN
 from bspline_mdao.core.mesh.frame import Frame, Plane, mesh_planes, surface_frame
 from bspline_mdao.design import Lattice, parse_deformation

@@ -7,7 +7,8 @@ import pytest
 from study_cases import study_of
 
 from bspline_mdao import DesignSurface, InputError, LatticeFlow, fit_grid
-from bspline_mdao.core.design.named_deformations import parse_deformation, stream_warnings
+from bspline_mdao.core.design.deformation_warnings import stream_warnings
+from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.movers import moving_mesh
