@@ -270,7 +270,7 @@ class Request:
         """Read the value as three numbers."""
         match = re.fullmatch(f"({_NUMBER})/({_NUMBER})/({_NUMBER})", self.value)
         if match is None:
-            raise self.fail("give three lengths with strokes between them, such as translate=0.1/0/0")
+            raise self.fail("give three lengths separated by slashes, such as translate=0.1/0/0")
         return float(match[1]), float(match[2]), float(match[3])
 
     def _match(self, text: str, pattern: str, what: str) -> float:
@@ -306,7 +306,7 @@ def _parse(text: str) -> Request:
         if pair is None:
             raise InputError(
                 f"deformation '{text}': '{word.strip()}' is not of the form name=value, such as twist=30deg; the "
-                f"lengths of a vector have strokes between them, as in translate=0.1/0/0"
+                f"lengths of a vector are separated by slashes, as in translate=0.1/0/0"
             )
         pairs.append((pair[1], pair[2]))
     (name, value), *options = pairs

@@ -438,7 +438,7 @@ def test_points_of_another_surface_are_refused(model, mesh, surface):
         ("chord=-1", "give a number above 0"),
         ("chord=nan", "'nan' is not a number"),
         ("bumps=0.1,wavelength=0", "give a number above 0"),
-        ("translate=1,2,3", "'2' is not of the form name=value, .* have strokes between them, as in translate=0"),
+        ("translate=1,2,3", "'2' is not of the form name=value, .* are separated by slashes, as in translate=0"),
         ("translate=1/2", "translate=0.1/0/0"),
         ("stretch=2+", "2\\+"),
     ],
