@@ -79,10 +79,7 @@ class Deformation(OneLine):
             raise InputError(
                 f"deformation: surface points of shape {points.shape}; give shape ({len(self.mesh.surface_ids)}, 3)"
             )
-        moved = points
-        for point_map in self.maps:
-            moved = point_map.apply(moved)
-        return self._keep_in_planes(points, moved)
+        return self._keep_in_planes(points, apply_maps(self.maps, points))
 
     def apply_to_nodes(
         self,
@@ -91,7 +88,7 @@ class Deformation(OneLine):
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
     ) -> np.ndarray:  # (n, 3), moved nodes (m). Nodes on the planes stay exactly in them
         """Move surface nodes in the same way as control points."""
-        displacement = reduce(lambda points, point_map: point_map.apply(points), self.maps, nodes) - nodes
+        displacement = apply_maps(self.maps, nodes) - nodes
         for ids, normal in planes:
             displacement[ids] -= np.outer(displacement[ids] @ normal, normal)
         return nodes + displacement
@@ -147,6 +144,11 @@ class PointMap(Protocol):
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Moved points, shape (n, 3), of points, shape (n, 3), in metres."""
+
+
+def apply_maps(maps: Sequence[PointMap], points: np.ndarray) -> np.ndarray:
+    """Apply maps to points, shape (n, 3), one after the other."""
+    return reduce(lambda moved, point_map: point_map.apply(moved), maps, points)
 
 
 def jvp(point_map: PointMap, points: np.ndarray, d_points: np.ndarray) -> np.ndarray:

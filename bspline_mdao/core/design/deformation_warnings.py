@@ -5,7 +5,6 @@ Theory: ``docs/theory/deformations.rst``.
 
 from __future__ import annotations
 
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from .deformation import (
     RotateSections,
     ShearDownstream,
     ShearUpwards,
+    apply_maps,
 )
 from .selection import designed_patches
 
@@ -56,7 +56,7 @@ def plane_warnings(deformation: Deformation, unit: str) -> tuple[str, ...]:
     if not len(rows) or any(isinstance(point_map, PrescribedPoints) for point_map in maps):  # these are refused
         return ()
     points = mesh.points[mesh.surface_ids]
-    change = reduce(lambda at, point_map: point_map.apply(at), maps, points) - points
+    change = apply_maps(maps, points) - points
     off = float(np.abs(np.sum(change[rows] * mesh.in_plane_normals, axis=1)).max())
     if off <= _OUT_OF_PLANE * float(np.ptp(points, axis=0).max()):
         return ()

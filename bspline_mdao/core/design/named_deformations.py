@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -40,6 +40,7 @@ from .deformation import (
     ShearUpwards,
     Stretch,
     Translate,
+    apply_maps,
     random_bumps,
 )
 from .hinge import ON_LINE, BehindHinge, Hinge, NearestPart, RotatedPart
@@ -146,7 +147,7 @@ class _Surface:
             of_nodes[walls.parts[number]] = True
         points = np.concatenate([self.mesh.points[self.mesh.surface_ids], walls.points])
         known = NearestPart.of(points, np.concatenate([is_part, of_nodes]))
-        return known.moved(lambda points: reduce(lambda at, point_map: point_map.apply(at), self.before, points))
+        return known.moved(lambda points: apply_maps(self.before, points))
 
     def line(self, chord: float, span: tuple[float, float]) -> np.ndarray:
         """Points at a chord fraction and two span fractions, shape (2, 3); positive angles rotate the rear down."""
@@ -443,7 +444,7 @@ def _cad(request: Request, surface: _Surface) -> CadDeformation:
     scale = request.number("scale", low=0.0) if "scale" in request.options else None
     before, after = (body_of_file(surface.model, name, scale) for name in (request.value, request.options["to"]))
     walls = SurfaceGrid.of(surface.model, designed_patches(surface.model, surface.mesh))
-    nodes = reduce(lambda at, point_map: point_map.apply(at), surface.before, walls.points)
+    nodes = apply_maps(surface.before, walls.points)
     off = require_on_faces(before, before.tie(nodes), walls, nodes)
     return CadDeformation(before, before.matched(after), off=off)
 
