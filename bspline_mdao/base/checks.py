@@ -20,6 +20,7 @@ __all__ = [
     "as_finite_points",
     "as_numbers",
     "as_vector",
+    "axes_text",
     "require_kind",
     "require_list",
 ]
@@ -81,6 +82,11 @@ def as_axes(axes: str, what: str) -> np.ndarray:
     if sorted(axes) != ["x", "y", "z"]:
         raise InputError(f"{what}: axes '{axes}'; name {ORDER_OF_AXES}, {WITHOUT_SIGNS}")
     return np.eye(3)[["xyz".index(axis) for axis in axes]]
+
+
+def axes_text(axes: np.ndarray) -> str:
+    """Name of the nearest coordinate axis of each direction, shape (n, 3); "xzy" for what `as_axes` makes of it."""
+    return "".join("xyz"[axis] for axis in np.abs(axes).argmax(axis=1))
 
 
 def require_kind(

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ...base.checks import axes_text
 from ..mesh.frame import Frame
 from .edge_cuts import cut_edges, edges_of_quads
 
@@ -62,8 +63,8 @@ def why_backwards(points: np.ndarray, quads: np.ndarray, frame: Frame) -> str:
     """Say why a surface seems to lie the other way round, see `is_blunt_downstream`; empty if it does not."""
     if not is_blunt_downstream(points, quads, frame):
         return ""
-    axis = "xyz"[int(np.argmax(np.abs(frame.axes[0])))]
-    return f"the stream is taken to run along +{axis}, and the downstream end of the sections is the blunt one"
+    stream = axes_text(frame.axes[:1])
+    return f"the stream is taken to run along +{stream}, and the downstream end of the sections is the blunt one"
 
 
 def _thickness(triangles: np.ndarray, stream: float, span: float) -> float:

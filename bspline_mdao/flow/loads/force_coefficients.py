@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from ...errors import InputError
 from .stream import stream_axes
 
-__all__ = ["ForceCoefficients", "check_references"]
+__all__ = ["ForceCoefficients", "check_references", "seen_areas"]
 
 
 def check_references(area: object, chord: object, reference: Sequence[float]) -> None:
@@ -25,6 +25,11 @@ def check_references(area: object, chord: object, reference: Sequence[float]) ->
             raise InputError(f"flow: reference {name} {value}; give a positive number of {unit}")
     if np.shape(reference) != (3,) or not np.isfinite(reference).all():
         raise InputError(f"flow: moment reference {reference}; give the coordinates x, y and z of a point")
+
+
+def seen_areas(areas: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Areas of walls as seen along directions (m, 3), shape (m,), from area vectors of their faces (n, 3)."""
+    return 0.5 * np.abs(areas @ directions.T).sum(axis=0)
 
 
 @dataclass(frozen=True, eq=False)

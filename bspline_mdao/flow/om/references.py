@@ -8,6 +8,7 @@ import numpy as np
 from openmdao.utils.options_dictionary import OptionsDictionary
 
 from ...errors import ReferenceWarning
+from ..loads.force_coefficients import seen_areas
 
 __all__ = ["REFERENCES", "declare_references", "warn_of_area"]
 
@@ -36,7 +37,7 @@ def warn_of_area(
     up: np.ndarray | None = None,  # (3,), direction up of a wing; None for a body of any shape
 ) -> None:
     """Warn of a reference area in another unit than the grid, or of axes that see no wall of a wing from above."""
-    views = 0.5 * np.abs(areas @ (np.eye(3) if up is None else up[:, None])).sum(axis=0)
+    views = seen_areas(areas, np.eye(3) if up is None else up[None])
     seen, factor = float(views.max()), _BODY_FACTOR if up is None else _AREA_FACTOR
     whence = "from the side with the largest area" if up is None else "from above"
     if (seen or up is not None) and not seen / factor < area < factor * seen:

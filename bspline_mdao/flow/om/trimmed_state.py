@@ -14,12 +14,14 @@ import openmdao.api as om
 from openmdao.jacobians.jacobian import Jacobian
 from openmdao.vectors.vector import Vector
 
+from ...base.checks import axes_text
 from ...core.om.component import add_bar, direction_in, finite_values
 from ...names import GRID
 from ..euler.adjoint import FlowTangent
 from ..euler.flow_grid import area_vectors
 from ..euler.gas import N_STATES
 from ..euler.newton_step import NewtonStep
+from ..loads.force_coefficients import seen_areas
 from ..loads.stream import RADIAN
 from .euler_state import LARGEST_RESIDUAL, EulerState
 from .residual_log import ResidualLog
@@ -202,10 +204,9 @@ class TrimmedState(EulerState):
         forces = self.options["forces"]
         areas = area_vectors(forces.walls.nodes(self.options["nodes"]), forces.walls.corners)
         coefficients = forces.wing.coefficients
-        seen = 0.5 * np.abs(areas @ coefficients.axes[2]).sum()
-        axes = "".join("xyz"[axis] for axis in np.abs(coefficients.axes).argmax(axis=1))
+        (seen,) = seen_areas(areas, coefficients.axes[2:])
         area = f"reference_area ({coefficients.area:.4g} m^2; the walls as seen from above: {seen:.3g} m^2)"
-        return f"axes ('{axes}': downstream, along the span, up) and {area}"
+        return f"axes ('{axes_text(coefficients.axes)}': downstream, along the span, up) and {area}"
 
     def _sensitivity_at(self, inputs: Vector, outputs: Vector) -> _Sensitivity:
         """Sensitivity of states and lift to the angle."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..loads.force_coefficients import seen_areas
 from .wall_loads import CaseWalls
 
 __all__ = ["doubts_about_axes_and_area", "doubts_about_forces"]
@@ -31,7 +32,7 @@ def doubts_about_axes_and_area(
 ) -> list[str]:
     """Doubts before a flow is solved, with the numbers."""
     _, areas = walls.geometry()
-    frontal, side, planform = 0.5 * np.abs(areas @ axes.T).sum(axis=0)
+    frontal, side, planform = seen_areas(areas, axes)
     found = []
     if not any(1.0 / AREA_FACTOR < area / each < AREA_FACTOR for each in (planform, frontal) if each > 0.0):
         found.append(

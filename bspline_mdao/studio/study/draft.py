@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.checks import axes_text
 from ...base.extras import INSTALL
 from ...errors import InputError
 from ...flow.om.mach_range import EULER, LATTICE
@@ -141,7 +142,7 @@ def _cad(body: Body, file: str, faces: Sequence[str]) -> Iterator[str]:
     yield 'kind = "cad_points"  # control points of faces; the optimum is written to a file with the same names'
     yield f"file = {json.dumps(file)}"
     yield f"faces = {json.dumps(list(dict.fromkeys(faces)))}  # all faces: name those that move"
-    yield f'direction = "{"xyz"[np.abs(body.frame.axes[1]).argmax()]}"  # up, guessed; or several of x, y and z'
+    yield f'direction = "{axes_text(body.frame.axes[1:2])}"  # up, guessed; or several of x, y and z'
     yield "# low = [-inf, -inf, -inf]  # corners of a box; only points in it move"
     yield "# high = [inf, inf, inf]"
     yield from _bounds(body.frame.chord, "the chord")

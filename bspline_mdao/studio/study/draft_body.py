@@ -9,6 +9,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
+from ...base.checks import axes_text
 from ...core.background.mesh_model import MeshModel
 from ...core.measures.area import ProjectedArea
 from ...core.measures.blunt_end import why_backwards
@@ -90,7 +91,7 @@ class Body(ABC):
         directions = np.array([stream, span, normal])
         if np.abs(directions).max(axis=1).min() < _ALIGNED:
             return None
-        return "".join("xyz"[axis] for axis in np.abs(directions).argmax(axis=1))
+        return axes_text(directions)
 
     @cached_property
     def why_backwards(self) -> str:
