@@ -6,11 +6,15 @@ import os
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import settings
 
 os.environ["OPENMDAO_REPORTS"] = "0"
 WORK_FOLDER = tempfile.TemporaryDirectory(prefix="bspline_mdao_")
 os.environ["OPENMDAO_WORKDIR"] = WORK_FOLDER.name
+settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
+settings.load_profile("repeatable")
 collect_ignore_glob = ["parallel/cases/*"]  # scripts of ranks, which do not wait to be called
 
 
@@ -37,6 +41,12 @@ def pytest_collection_finish():
     """Take what is imported and collected out of what the garbage collector looks through again and again."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse=True)
+def seeded_directions():
+    """Let OpenMDAO draw the same directions in each run of a test."""
+    np.random.seed(0)  # noqa: NPY002 - the generator that it draws them from
 
 
 @pytest.fixture(scope="session")

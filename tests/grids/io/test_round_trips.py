@@ -14,8 +14,7 @@ from bspline_mdao.grids.io.fortran import join_records, parse_numbers, split_rec
 from bspline_mdao.grids.topology.detection import find_topology
 from bspline_mdao.grids.topology.sharing import node_sharing
 
-searched = settings(max_examples=60, deadline=None, derandomize=True, database=None)
-"""Of every search: the same examples in every run."""
+searched = settings(max_examples=60)
 
 orientations = st.sampled_from(ORIENTATIONS)
 

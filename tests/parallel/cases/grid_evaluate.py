@@ -111,6 +111,7 @@ def check(model, given):
     alone.model.add_subsystem("evaluate", GridEvaluate(**options), promotes=["*"])
     alone.setup()
     alone.run_model()
+    np.random.seed(1)  # noqa: NPY002 - where OpenMDAO draws the directions of checks
     data = alone.check_partials(out_stream=None)
     assert data["evaluate"]
     assert_check_partials(data, atol=1e-4, rtol=1e-4)

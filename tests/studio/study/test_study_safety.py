@@ -105,7 +105,7 @@ def quoted(before):
 
 
 @pytest.mark.slow
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from(list(PLACES)), STRINGS)
 @example("disp", EVIL[11])
 @example("@onera_m6:7x7x5", '"""')
@@ -118,7 +118,7 @@ def test_a_script_calls_what_scripts_call_whatever_the_texts_of_the_study_are(fo
 
 @pytest.mark.slow
 @given(STRINGS, STRINGS)
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_files_and_patterns_stand_in_a_script_as_they_are(folder, name, pattern):
     study = study_of(folder, BASE)
     grid = study.grid | {"file": f"x{name}", "patches": name, "design": [pattern], "sliding": pattern or None}
@@ -210,7 +210,7 @@ EXPRESSIONS = st.recursive(
 
 
 @given(EXPRESSIONS)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_an_expression_under_other_names_has_the_same_value_or_is_refused(of):
     flat = {"CL": 0.3, "cruise_CD": 0.02, "volume": 1.1, "CD_induced": 0.01}
     if fault_of(of):
