@@ -305,7 +305,7 @@ def test_products_are_exact_at_inputs_that_are_not_those_of_the_last_run(name):
     def off(step):
         return residual(component, [vector + step * change for vector, change in zip(point, along)])
 
-    exact = central_difference(off, 2e-4, levels=3)
+    exact = central_difference(off, 5e-5, levels=3)
     assert np.abs(exact).max() > 1e-2
     assert np.abs(forward - exact).max() < 1e-8 * np.abs(exact).max()
 
@@ -382,6 +382,18 @@ def test_a_bare_check_of_the_flow_takes_complex_steps_where_there_is_room():
     assert_partials(problem, rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_a_bare_check_of_the_flow_passes_in_other_units_of_length(unit):
+    grid = onera_m6_grid((7, 6, 5))
+    problem = om.Problem(reports=False)
+    model = fit_grid(grid.with_vector(unit * grid.to_vector()))
+    flow = EulerFlow(model=model, reference_area=1.16 * unit**2, reference_chord=unit, iprint=0)
+    problem.model.add_subsystem("flow", flow, promotes=["*"])
+    problem.setup()
+    problem.set_val("Mach_number", 0.5)
+    assert_partials(problem)
+
+
 def test_a_bare_check_passes_on_the_example_in_27_lines():
     page = ROOT.joinpath("docs", "in_python.rst").read_text()
     (example,) = re.findall(r"code-block:: python\n\n(.*?)   problem.run_driver\(\)", page, re.S)
@@ -398,4 +410,5 @@ def test_a_bare_check_passes_on_the_flow_about_a_real_grid(real_grids):
     problem.setup()
     problem.set_val("alpha", 0.0)
     problem.set_val("Mach_number", 0.1)  # at 0.3 round-off decides whether the steps converge
+    np.random.seed(28)  # noqa: NPY002 - of 40, along these directions differences by the states are worst
     assert_partials(problem)

@@ -101,7 +101,7 @@ def test_states_are_changed_with_the_angle_as_the_flow_is(trimmed):
     moved["alpha"] = np.atleast_1d(moved["alpha"])
     residual, lack = left(moved)
     residual_without, lack_without = left(moved | {"states": solved["states"]})
-    assert residual < 0.02 * residual_without
+    assert residual < 0.04 * residual_without
     assert lack < 0.01 * lack_without
 
 

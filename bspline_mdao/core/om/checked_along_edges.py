@@ -12,7 +12,8 @@ them; u is one length. Then ``g'(0)`` is ``f'(x0) e / u``, and the central diffe
 it, with an error of fourth order in the step. Two things keep rounding small: the entries of ``e v`` are multiples of
 the last digit of x0 (`_Stretch.along`), so points are exactly where they are meant to be; and u is chosen such that
 rounding coordinates by one digit contributes `ROUNDING` to the differences, below the absolute tolerance of
-``assert_check_partials``. The derivatives that are compared are ``e / u`` times those in metres.
+``assert_check_partials``. The derivatives that are compared are ``e / u`` times those in metres. For a function of the
+shape alone, such as a residual divided by areas, u is 1: they are the same in any unit of length.
 
 The products and the differenced values are the component's own.
 """
@@ -57,7 +58,7 @@ def check_along_edges(
     # with a collapsed edge stays: lines of zero length are a special case, and functions jump when leaving it.
     lines: Sequence[np.ndarray],
     sharpness: float = 1.0,  # lengths of the edges divided by those over which the function changes
-    digits: float = 1.0,  # how many trailing digits of coordinates the function loses to rounding
+    digits: float | None = 1.0,  # how many trailing digits of coordinates are lost to rounding; None if u is 1
     # use complex steps instead of differences if the problem was set up with ``setup(force_alloc_complex=True)``: for
     # components whose kernels are exact under complex step
     is_complex: bool = False,
@@ -66,7 +67,7 @@ def check_along_edges(
     # What a user sets on the component after ``Problem.setup`` overrides it.
     step = PART / sharpness
     check_along_directions(component, step, wrt, is_complex)
-    component._edges[wrt] = tuple(lines), step, digits / ROUNDING
+    component._edges[wrt] = tuple(lines), step, digits and digits / ROUNDING
 
 
 class CheckedAlongEdges(Copied, Component):
@@ -74,7 +75,7 @@ class CheckedAlongEdges(Copied, Component):
 
     def __init__(self, **options: Any):
         super().__init__(**options)
-        self._edges: dict[str, tuple[tuple[np.ndarray, ...], float, float]] = {}
+        self._edges: dict[str, tuple[tuple[np.ndarray, ...], float, float | None]] = {}
         self._stretches: dict[str, _Stretch] = {}
 
     def check_partials(self, *arguments: Any, **options: Any) -> Any:
@@ -132,16 +133,16 @@ class _Stretch:
 
     start: np.ndarray  # (3 n,), the input, x0
     step: float  # step of the differences
-    unit: float  # u (m)
+    unit: float  # u (m), or 1
     edges: np.ndarray  # (3 n,), diagonal of e (m)
     moves: np.ndarray  # (3 n,), ``e v`` (m)
 
     @classmethod
-    def of(cls, points: np.ndarray, lines: Sequence[np.ndarray], step: float, digits: float) -> _Stretch:
-        """Measure the edges of points (n, 3); u is ``digits`` last digits of their coordinates, divided by the step."""
+    def of(cls, points: np.ndarray, lines: Sequence[np.ndarray], step: float, digits: float | None) -> _Stretch:
+        """Measure the edges of points (n, 3); u is ``digits`` last digits of their coordinates by the step, or 1."""
         size = float(np.linalg.norm(np.ptp(points, axis=0)))
         edges = np.minimum(shortest_edges(points, lines, COLLAPSE_TOLERANCE * size), REACH / step * size)
-        unit = np.finfo(float).eps * digits * float(np.abs(points).max()) / step
+        unit = np.finfo(float).eps * digits * float(np.abs(points).max()) / step if digits else 1.0
         return cls(points.ravel().copy(), step, unit, np.repeat(edges, 3), np.zeros(points.size))
 
     def along(self, direction: np.ndarray) -> None:

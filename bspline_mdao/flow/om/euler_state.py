@@ -18,6 +18,7 @@ from openmdao.vectors.vector import Vector
 from ...base.numerics.processes import largest, summed_number
 from ...base.numerics.progress import Progress, progress_bar
 from ...core.om.check_directions import check_along_directions
+from ...core.om.checked_along_edges import check_along_edges, numbered_blocks
 from ...core.om.component import (
     SMOOTH_STEP,
     CheckedOnProcesses,
@@ -50,9 +51,17 @@ from .residual_log import ResidualLog
 INPUTS = (GRID, "alpha", "Mach_number")
 
 
+STATES_STEP = 1e-6
+"""Step of differences by the states. For a cylinder at Mach 0.1 and 40 random directions, those of the entropy drag
+have relative errors of up to 3e-6 for 1e-5, 3e-8 for 1e-6, and 1e-6 for 1e-8."""
+
 MACH_STEP = 1e-7
 """Step of differences by the Mach number: coefficients are divided by up to its cube. For a cylinder at 0.1, with
 frozen states, central differences of the entropy drag with a step of 1e-5 have relative errors of 4e-4."""
+
+SHARPNESS = 30.0
+"""Edges of the grid divided by the lengths over which residuals change, for `check_along_edges`: wave speeds are
+rounded at a twentieth of the speed of sound where the flow is along a face."""
 
 LARGEST_RESIDUAL = 1e-8
 """Residual, relative to the uniform stream's, below which a flow that no longer converges is accepted."""
@@ -68,7 +77,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     ``alpha``        input   (1,)          deg    angle of attack
     ``Mach_number``  input   (1,)                 of the free stream
     ``states``       output  (5 n_cells)          density, velocity and pressure of every cell, relative to density and
-                                                  speed of sound of the free stream; its residual is the outflow
+                                                  speed of sound of the free stream; its residual is the outflow divided
+                                                  by the surface of the cell on the baseline
     ===============  ======  ============  =====  ======================================================================
 
     On several processes ``grid`` and ``states`` are distributed: each has the nodes and the cells of its pieces, see
@@ -140,10 +150,15 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """Declare the variables."""
         flow, nodes = self.options["flow"], self.options["nodes"]
         check_on_grid(self, flow, nodes)
+        if self.comm.size == 1:
+            shapes = [tuple(1 + n for n in cells) for cells in flow.faces.layout.shapes]
+            check_along_edges(self, GRID, numbered_blocks(shapes), SHARPNESS, digits=None, is_complex=True)
         self._solution = self._converged = self._anchor = self._last_scheme = None
         self._tangent = self._tangent_point = None
         self._is_mode_looked_at = self._is_mach_said = False
         is_distributed = self.comm.size > 1
+        # residuals are of the size of the states in any unit of length: checks of derivatives compare absolute values
+        self._surfaces = flow.discretization.sizes(flow.areas(nodes))
         self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_distributed, desc="nodes")
         self._declare_angle()
         self.add_input("Mach_number", desc="of the free stream")
@@ -154,9 +169,10 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         )
 
     def apply_nonlinear(self, inputs: Vector, outputs: Vector, residuals: Vector) -> None:
-        """Sum the outflow of every cell."""
+        """Sum the outflow of every cell, by its surface."""
         states = outputs["states"].reshape(-1, N_STATES)
-        residuals["states"] = self._scheme(inputs).residual(states, *self._at(inputs)).ravel()
+        outflow = self._scheme(inputs).residual(states, *self._at(inputs))
+        residuals["states"] = (outflow / self._surfaces).ravel()
 
     def solve_nonlinear(self, inputs: Vector, outputs: Vector) -> None:
         """Solve for the states, from the current ones or from scratch."""
@@ -219,9 +235,21 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             tangent = self._tangent_at_solution(self._inputs, self._outputs)
             self._drop_anchor()
         right, out = (d_residuals, d_outputs) if mode == "fwd" else (d_outputs, d_residuals)
+        self._put(out, self._solved(tangent, self._right_side(right, mode), mode), mode)
+
+    def _right_side(self, right: Vector, mode: str) -> np.ndarray:
+        """Right-hand side of the linear system of the outflow, or of its transpose."""
+        states = right["states"].reshape(-1, N_STATES)
+        return states * self._surfaces if mode == "fwd" else states
+
+    def _put(self, out: Vector, solution: np.ndarray, mode: str) -> None:
+        """Set the solution of that system."""
+        out["states"] = (solution if mode == "fwd" else solution * self._surfaces).ravel()
+
+    def _solved(self, tangent: FlowTangent, right: np.ndarray, mode: str, tolerance: float | None = None) -> np.ndarray:
+        """Solve with the Jacobian of the outflow by the states, or its transpose."""
         solve = tangent.solve if mode == "fwd" else tangent.solve_transposed
-        solution = solve(right["states"].reshape(-1, N_STATES), self.options["linear_tolerance"])
-        out["states"] = self._accepted(solution).ravel()
+        return self._accepted(solve(right, tolerance or self.options["linear_tolerance"]))
 
     def _drop_anchor(self) -> None:
         """Keep the solution for the next runs, if they are to start from it."""
@@ -277,12 +305,12 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         for name, d_stream in self._stream_partials(inputs).items():
             if name in d_inputs:
                 change += linearization.stream_jvp(d_stream * d_inputs[name])
-        d_residuals["states"] += change.ravel()
+        d_residuals["states"] += (change / self._surfaces).ravel()
 
     def _reverse(
         self, linearization: Linearization, inputs: Vector, d_inputs: Vector, d_outputs: Vector, d_residuals: Vector
     ) -> None:
-        bar = d_residuals["states"].reshape(-1, N_STATES)
+        bar = d_residuals["states"].reshape(-1, N_STATES) / self._surfaces
         if "states" in d_outputs:
             d_outputs["states"] += linearization.state_vjp(bar).ravel()
         if GRID in d_inputs:
@@ -479,6 +507,7 @@ def check_on_grid(component: om.Component, flow: FlowGrid, nodes: np.ndarray) ->
     """Declare how products of a component of the flow are checked: its kernels are exact under complex steps."""
     step = central_step(flow.extent(nodes), flow.least_height(nodes))
     check_along_directions(component, SMOOTH_STEP, is_complex=True)
+    check_along_directions(component, STATES_STEP, "states", is_complex=True)
     check_along_directions(component, step, GRID, is_complex=True)
     check_along_directions(component, MACH_STEP, "Mach_number", is_complex=True)
 

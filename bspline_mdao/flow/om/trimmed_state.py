@@ -17,7 +17,6 @@ from openmdao.vectors.vector import Vector
 from ...base.checks import axes_text
 from ...core.om.component import add_bar, direction_in, finite_values
 from ...names import GRID
-from ..euler.adjoint import FlowTangent
 from ..euler.flow_grid import area_vectors
 from ..euler.gas import N_STATES
 from ..euler.newton_step import NewtonStep
@@ -100,7 +99,7 @@ class TrimmedState(EulerState):
         self._warn_of(self._solution)
 
     def apply_nonlinear(self, inputs: Vector, outputs: Vector, residuals: Vector) -> None:
-        """Sum the outflow of every cell, and compare the lift."""
+        """Sum the outflow of every cell, by its surface, and compare the lift."""
         super().apply_nonlinear(_merged(inputs, outputs), outputs, residuals)
         residuals["alpha"] = self._lift(inputs, outputs) - inputs["CL_target"]
 
@@ -146,7 +145,7 @@ class TrimmedState(EulerState):
                 self._borders = {"of": tangent}
             if mode not in self._borders:
                 self._borders[mode] = self._solved(tangent, column if mode == "fwd" else bars["states"], mode)
-            border, plain = self._borders[mode], self._solved(tangent, right["states"].reshape(-1, N_STATES), mode)
+            border, plain = self._borders[mode], self._solved(tangent, self._right_side(right, mode), mode)
 
             def across(vector: np.ndarray) -> Any:
                 if mode == "fwd":
@@ -154,7 +153,7 @@ class TrimmedState(EulerState):
                 return self._stream_partials(at)["alpha"] @ tangent.linearization.stream_vjp(vector)
 
             angle = (right["alpha"].item() - across(plain)) / (bars["alpha"].item() - across(border))
-        out["states"] = (plain - angle * border).ravel()
+        self._put(out, plain - angle * border, mode)
         out["alpha"] = angle
 
     def _inputs_of_flow(self) -> Any:
@@ -234,11 +233,6 @@ class TrimmedState(EulerState):
         if self._everywhere(bool(is_physical)):
             outputs["states"] = moved.ravel()
         outputs["alpha"] = alpha + change
-
-    def _solved(self, tangent: FlowTangent, right: np.ndarray, mode: str, tolerance: float | None = None) -> np.ndarray:
-        """Solve with the Jacobian of the states, or its transpose."""
-        solve = tangent.solve if mode == "fwd" else tangent.solve_transposed
-        return self._accepted(solve(right, tolerance or self.options["linear_tolerance"]))
 
     def _lift(self, inputs: Vector, outputs: Vector) -> float:
         """Lift coefficient; real or complex."""
