@@ -317,6 +317,8 @@ def _wing(body: Body, variables: list[str], others: list[str]) -> Iterator[str]:
     yield f"Mach_number = {MACH}  # set yours; {known.lowest:g} to {known.highest:g} were compared with others"
     yield from _axes(body)
     yield f"# reference_area = {body.area:.6g}  # planform area of the walls in units of the grid, the default"
+    chord = body.area / np.ptp(body.surface.points @ body.frame.axes[2])
+    yield f"# reference_chord = {chord:.6g}  # area by span, for moments; the default is 1"
     yield ""
     yield "# [conditions.cruise]  # a table per flight condition; the objective is their mean"
     yield f"# Mach_number = {MACH}"

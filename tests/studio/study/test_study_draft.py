@@ -56,6 +56,13 @@ def test_euler_flow_is_drafted_with_trim(grid, tmp_path, monkeypatch):
     assert "CL" not in study.constraints
 
 
+def test_a_draft_names_the_mean_chord_for_moments(grid):
+    text = study_draft("@onera_m6:7x7x5", None, GridBody(grid, find_topology(grid)))
+    (line,) = [line for line in text.splitlines() if "reference_chord" in line]
+    half, wing = 1.4844, DesignSurface.of(fit_grid(grid))  # half the span, in root chords
+    assert float(line.split()[3]) == pytest.approx(wing.planform_area / half, rel=1e-3)
+
+
 def test_a_draft_says_if_the_wing_seems_to_fly_backwards(grid):
     blocks = tuple(replace(block, nodes=block.nodes * [-1.0, -1.0, 1.0]) for block in grid.blocks)
     texts = [study_draft("wing.xyz", None, GridBody(g, find_topology(g))) for g in (grid, replace(grid, blocks=blocks))]
