@@ -16,7 +16,7 @@ __all__ = ["draw_history", "draw_optimality", "driver_styles"]
 
 
 def driver_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Give the lines of every driver a colour and a width: a wide orange one, and a thin blue one on top of it.
+    """Give the lines of every driver a colour and a width: of several, a wide orange one below the others.
 
     Parameters
     ----------
@@ -28,7 +28,8 @@ def driver_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     dict of dict
         Keywords of ``plot`` by name.
     """
-    lines = (ORANGE, 4.0), (BLUE, 1.2), (GREEN, 1.2), (PURPLE, 1.2)
+    names = list(names)
+    lines = (ORANGE, 4.0 if len(names) > 1 else 1.2), (BLUE, 1.2), (GREEN, 1.2), (PURPLE, 1.2)
     return {name: dict(zip(("color", "linewidth"), lines[n % len(lines)])) for n, name in enumerate(names)}
 
 

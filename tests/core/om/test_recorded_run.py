@@ -173,3 +173,9 @@ def test_both_drivers_go_on_after_an_analysis_that_fails():
     for run in (solved(walled_problem(), make_driver(1e-12, 100)) for make_driver in DRIVERS.values()):
         assert run.problem.driver.n_failed_analyses > 0
         np.testing.assert_allclose(run.problem.get_val("x"), 1.0, atol=1e-5)
+
+
+def test_the_line_of_the_first_driver_is_wide_if_others_may_cover_it():
+    widths = [[style["linewidth"] for style in driver_styles(names).values()] for names in ("a", "ab")]
+    assert widths[0] == widths[1][1:]
+    assert widths[1][0] > 2.0 * widths[1][1]
