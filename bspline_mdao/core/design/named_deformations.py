@@ -372,7 +372,23 @@ def _pitch(request: Request, surface: _Surface) -> Pitch:
 def _rotate(request: Request, surface: _Surface) -> Rotate:
     is_on_chord = (request.at or "").startswith("chord")
     request.only("@", "patches", "blend", "ends", *(["span"] if is_on_chord else []))
-    angle, blend = request.angle(math.inf), request.number("blend", 0.0, low=0.0)
+    angle = request.angle(math.inf)
+    try:
+        hinge = (
+            _line(request, surface) if is_on_chord else request.axis("hinge", ", or @chord 0.7 for a part of the chord")
+        )
+        part = _rotated_part(request, surface, hinge)
+    except InputError as error:
+        raise error if str(error).startswith("deformation") else request.fail(str(error)) from None
+    rotate = Rotate(hinge, angle, part)
+    if part.behind is not None:
+        _require_room(request, rotate, part.behind, surface)
+    return rotate
+
+
+def _rotated_part(request: Request, surface: _Surface, hinge: np.ndarray) -> RotatedPart:
+    """What rotates about a hinge: named patches, what is behind the hinge line, or both."""
+    blend = request.number("blend", 0.0, low=0.0)
     if "patches" not in request.options and not blend:
         raise request.fail(
             "say what turns: blend=LENGTH for what is behind the hinge line, or patches=NAMES, with * for all of them"
@@ -382,19 +398,9 @@ def _rotate(request: Request, surface: _Surface) -> Rotate:
     ends = request.number("ends", blend)
     if not 0.0 <= ends < math.inf:
         raise request.fail(f"ends {ends:g} is no length; give one, or 0 for none")
-    try:
-        hinge = (
-            _line(request, surface) if is_on_chord else request.axis("hinge", ", or @chord 0.7 for a part of the chord")
-        )
-        patches = [name.strip() for name in request.options.get("patches", "").split("/") if name.strip()]
-        whole = surface.part(patches) if patches else None
-        behind = BehindHinge(hinge, surface.frame.axes[0], blend, ends) if blend else None
-    except InputError as error:
-        raise error if str(error).startswith("deformation") else request.fail(str(error)) from None
-    rotate = Rotate(hinge, angle, RotatedPart(whole, behind))
-    if behind is not None:
-        _require_room(request, rotate, behind, surface)
-    return rotate
+    patches = [name.strip() for name in request.options.get("patches", "").split("/") if name.strip()]
+    whole = surface.part(patches) if patches else None
+    return RotatedPart(whole, BehindHinge(hinge, surface.frame.axes[0], blend, ends) if blend else None)
 
 
 def _radius(request: Request, surface: _Surface) -> ScaleRadius:

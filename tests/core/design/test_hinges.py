@@ -213,7 +213,10 @@ def test_derivatives_where_turning_fades_are_those_of_differences_and_transposed
 
 
 REFUSED = {
-    "rotate=25": "say what turns: blend=LENGTH",
+    "rotate=25": "no axis is named; write @hinge",
+    "rotate=25@axis(0,0,0 -> 0,0,1)": "is no axis; write @hinge",
+    "rotate=25@chord 1.7": "is no part of the chord from 0 to 1",
+    "rotate=25@hinge(0,0,0->0,0,1)": "say what turns: blend=LENGTH",
     "rotate=25,blend=0.1": "no axis is named; write @hinge",
     "rotate=25@0.7,blend=0.1": "'0.7' is no axis; write @hinge",
     "rotate=25@hinge(0,0,0;0,0,1),blend=0.1": "is no axis; write @hinge",
