@@ -16,6 +16,9 @@ _FEWEST = 10
 _OPEN = 0.25
 """Height of the trailing edge in chords from which it is not an edge."""
 
+_ROUNDED = 1e-3
+"""Distance between the ends in chords that is rounding: a point missing there changes the thickness by 1e-4 chords."""
+
 _FRONT = 0.05
 """Fraction of the chord in which sides may go back, as at the nose of a cambered section."""
 
@@ -62,7 +65,24 @@ def check_outline(
             f"{name}: {place(number)}: {_text(points[number])} goes back towards {place(max(number - 2, 0))}; points "
             f"have to be in order, from the trailing edge around the nose and back"
         )
+    _check_ends(points, tail - points[at_nose], name, place)
     _check_sides(points, along, at_nose, name, place)
+
+
+def _check_ends(points: np.ndarray, chord: np.ndarray, name: str, place: Callable[[int], str]) -> None:
+    """Refuse ends one behind the other; a base is across the mean line or the chord, however it is cut."""
+    ends = np.array([points[0] - points[1], points[-1] - points[-2]])
+    mean = (ends / np.linalg.norm(ends, axis=1, keepdims=True)).sum(axis=0)
+    gap = points[0] - points[-1]
+    is_along = all(abs(gap @ way) > abs(gap[0] * way[1] - gap[1] * way[0]) for way in (mean, chord))
+    if not is_along or np.linalg.norm(gap) <= _ROUNDED * np.linalg.norm(chord):
+        return
+    behind, short = (0, len(points) - 1) if gap @ chord > 0.0 else (len(points) - 1, 0)
+    raise InputError(
+        f"{name}: the points end at {_text(points[behind])}, {place(behind)}, and ahead of it at "
+        f"{_text(points[short])}, {place(short)}: the last point of a side is missing; add it there, "
+        f"{_text(points[behind])} for a sharp trailing edge"
+    )
 
 
 def _check_sides(points: np.ndarray, along: np.ndarray, at_nose: int, name: str, place: Callable[[int], str]) -> None:
@@ -103,4 +123,4 @@ def _rising(along: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _text(point: np.ndarray) -> str:
     """A point as text."""
-    return f"({point[0]:.6g}, {point[1]:.6g})"
+    return f"({point[0] + 0.0:.6g}, {point[1] + 0.0:.6g})"  # without the sign of zero

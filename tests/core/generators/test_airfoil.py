@@ -124,6 +124,12 @@ def changed(row, point):
         ("t\n" + lines(np.insert(CAMBERED, 10, CAMBERED[10], axis=0)), "line 13: .* repeats line 12"),
         (lines(CAMBERED[::20]), "6 points are too few"),
         (lines(CAMBERED[:60]), "open: it begins at .* line 1, and ends at .* line 60"),
+        (
+            lines(CAMBERED[:-5]),
+            r"end at \(1, 0\), line 1, and ahead of it at \(0.974869, .*\), line 96: the last point",
+        ),
+        (lines(CAMBERED[5:]), r"end at \(1, 0\), line 96, and ahead of it at .*, line 1: .* is missing; add it there"),
+        (lines(UPPER) + lines(LOWER[:-5]), r"ahead of it at .*, line 97: .* \(1, 0\) for a sharp trailing edge"),
         (changed(40, [CAMBERED[40, 0], -0.1]), "line 41: .* 0.08 chords beyond the other side: the sides cross"),
         (lines(CAMBERED[:20]) + "0.5 O.1\n" + lines(CAMBERED[20:]), "line 21: '0.5 O.1' is not a point"),
         (lines(CAMBERED[:20]) + "0.5\n" + lines(CAMBERED[20:]), "line 21: '0.5' is not a point"),
@@ -139,6 +145,22 @@ def changed(row, point):
 def test_faults_of_files_name_the_line(tmp_path, text, message):
     with pytest.raises(InputError, match=rf"section\.dat: .*{message}"):
         read(tmp_path, text)
+
+
+@pytest.mark.parametrize("base", [0.003, 0.02, 0.05])
+@pytest.mark.parametrize("digits", ["0012", "2412", "6421", "9706"])
+@pytest.mark.parametrize("slant", [-0.5, 0.0, 0.5])  # offset of the corners along the chord, by the height of the base
+def test_bases_across_the_mean_line_across_the_chord_and_slanted_are_no_missing_points(digits, base, slant):
+    outline = naca_airfoil(digits).points[::10]
+    x, side = outline[:, 0], np.where(np.arange(len(outline)) < 20, 0.5, -0.5) * base
+    slope = (outline[0, 1] - 0.5 * (outline[1] + outline[-2])[1]) / (1.0 - 0.5 * (outline[1] + outline[-2])[0])
+    for lean in (0.0, -slope):
+        opened = outline + np.column_stack([(lean + slant) * x**4 * side, x * side])
+        for angle in np.radians([-10.0, 0.0, 10.0]):
+            turned = opened @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
+            assert Airfoil(turned).base > 0.9 * base
+    with pytest.raises(InputError, match=r"point 39: the last point of a side is missing"):
+        Airfoil(outline[:-1])
 
 
 @pytest.mark.parametrize(
