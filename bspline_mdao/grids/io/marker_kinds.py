@@ -18,10 +18,11 @@ from collections.abc import Mapping
 import tomlkit
 
 from ...base.matching import MARKERS, matching_names
+from ...base.toml import parse_toml
 from ...errors import InputError
 from ..cells.mixed_cells import MixedMesh
 from .marker_guess import MARKER_KINDS, NO_WALL, MarkerGuess, guess_kinds
-from .patches import check_keys, is_nmf, listed, parse_toml, read_patches_text
+from .patches import check_keys, is_nmf, listed, read_patches_text
 
 __all__ = ["draft_kinds", "marker_kinds", "read_kinds", "undecided"]
 

@@ -38,9 +38,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import tomlkit
-from tomlkit.exceptions import TOMLKitError
 
+from ...base.toml import parse_toml
 from ...errors import InputError
 from ..topology.grid import PATCH_KINDS, Grid, Patch
 from ..topology.index_space import FACE_NAMES, Window
@@ -137,14 +136,6 @@ def merge_patches(
 def _face_key(window: Window) -> tuple:
     """Key that differs for windows that cannot share any area."""
     return window.block, tuple(lo if lo == hi else None for lo, hi in zip(window.lo, window.hi))
-
-
-def parse_toml(text: str, source: str) -> dict:
-    """Parse the text of a TOML file."""
-    try:
-        return tomlkit.parse(text).unwrap()
-    except (TOMLKitError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
-        raise InputError(f"{source}: is not TOML ({' '.join(str(error).split())[:160]})") from error
 
 
 def _add_toml(text: str, grid: AnyGrid, path: Path) -> AnyGrid:

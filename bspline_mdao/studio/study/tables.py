@@ -6,9 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-import tomlkit
-from tomlkit.exceptions import TOMLKitError
-
+from ...base.toml import parse_toml
 from ...errors import InputError
 from .kinds import NAMES, Key
 from .names import choices, fault_of_name, shortened
@@ -55,12 +53,7 @@ class Tables:
         text: str,  # its contents
     ):
         self.path = path
-        try:
-            self.document = tomlkit.parse(text).unwrap()
-        except (TOMLKitError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
-            line = getattr(error, "line", None)
-            at = f"line {line}: " if line else ""
-            raise InputError(f"{path}: {at}is not TOML ({' '.join(str(error).split())[:160]})") from error
+        self.document = parse_toml(text, str(path))
         self.lines = key_lines(text)
         self.families: dict[str, list[str]] = {}  # patches by the name of their family
 
