@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +32,7 @@ from .moved_cells import MovedCells
 from .moved_mesh import MovedMesh
 from .movers import MoverOptions
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
-from .remarks import Remarks, still_lines
+from .remarks import show_remarks, still_lines
 from .units import unit_warnings
 
 __all__ = ["move_mesh"]
@@ -53,7 +53,6 @@ class _Moved:
     seconds: float
     overlap: OverlapChange | None = None  # of a grid of blocks
     split: tuple[float, str] = (0.0, "")  # largest difference of the deformation between periodic copies, and where
-    remarks: Remarks = field(default_factory=Remarks)  # on the deformation
     n_inverted_before: int = 0  # cells that the lattice of the model inverted, if it was refined for the move
 
     @property
@@ -93,7 +92,7 @@ def move_mesh(
         check_outputs([output, json, options.surface], files)
         file = open_mesh_file(model, output)
         progress(0.4, "moving")
-        moved = _move(model, options)
+        moved = _move(model, options, with_remarks=True)
         if len(moved.cells.newly_inverted) and not options.allow_invalid:
             progress(0.6, "refining the lattice")
             print_lines(["the move inverts cells; trying the lattice refined for it"])
@@ -126,21 +125,23 @@ def _refuse_others(model_file: Path, options: MoveOptions) -> None:
         )
 
 
-def _move(model: MeshModel, options: MoveOptions) -> _Moved:
+def _move(model: MeshModel, options: MoveOptions, with_remarks: bool = False) -> _Moved:
     """Make the move and measure it."""
     start = working_seconds()
     mesh = model.design_mesh(options.design or None)
     deformation = parse_deformation(options.deform, model, mesh)
+    is_section = model.mesh.n_copies > 1
+    if with_remarks:
+        show_remarks(deformation, model, is_section)
     surface = model.deformed(deformation)
     movement = model.mover_of(mesh).move(model.control_points, surface)
     state = model.node_map.at(movement.points)
     seconds = working_seconds() - start
     judged = MovedMesh.of(model, movement.points, state.nodes, is_proved=not options.no_certify)
-    is_section = model.mesh.n_copies > 1
-    split, remarks = model.split_copies(deformation), Remarks.of(deformation, model, is_section)
+    split = model.split_copies(deformation)
     if is_section and section_warnings(deformation):
         split = 0.0, ""  # its planes are of no file
-    return _Moved(model, surface, movement, state, judged, seconds, None, split, remarks)
+    return _Moved(model, surface, movement, state, judged, seconds, None, split)
 
 
 def _overlap(model: MeshModel, file: BlockMeshFile, nodes: np.ndarray) -> OverlapChange:
@@ -224,7 +225,7 @@ def _show(output: Path, moved: _Moved) -> None:
     mesh = model.mesh
     print_title(f"{mesh.source}: {counted(mesh.n_stored, 'node')}, {counted(mesh.n_cells, 'cell')}")
     largest = np.linalg.norm(moved.state.nodes - mesh.points, axis=1).max()
-    print_lines([f"nodes moved by up to {largest:.3g} {mesh.length_unit}", *moved.remarks.notes])
+    print_lines([f"nodes moved by up to {largest:.3g} {mesh.length_unit}"])
     show_lattice(model)
     if moved.n_inverted_before:
         inverted = counted(moved.n_inverted_before, "cell")
@@ -236,8 +237,9 @@ def _show(output: Path, moved: _Moved) -> None:
     if moved.overlap is not None:
         print_lines(moved.overlap.lines())
     print_lines([f"{output} written, {moved.seconds:.2f} s for the move"])
-    warnings = [*moved.remarks.warnings, *still_lines(largest, moved.size)]
-    print_warnings([*warnings, *unit_warnings(output, mesh), *moved.mesh.warnings(), *_split_lines(moved)])
+    print_warnings(
+        [*still_lines(largest, moved.size), *unit_warnings(output, mesh), *moved.mesh.warnings(), *_split_lines(moved)]
+    )
 
 
 def _split_lines(moved: _Moved) -> list[str]:

@@ -59,7 +59,7 @@ from .output import (
     show_height_ratios,
     written_json,
 )
-from .remarks import Remarks, still_lines
+from .remarks import show_remarks, still_lines
 from .units import unit_warnings
 
 QUALITY = {
@@ -112,7 +112,6 @@ class Moved:
     slid_off: float | None  # largest distance (m) of sliding nodes from their surfaces; None if none slide
     periodic: list[dict]  # periodic sides, before and after
     split: tuple[float, str]  # largest difference of the deformation between walls on both sides of these, and where
-    remarks: Remarks  # on the deformation
 
     @property
     def largest_displacement(self) -> float:
@@ -153,7 +152,7 @@ def move_model(
 
 
 def moved_control_mesh(
-    model: FittedModel, model_file: Path, options: MoveOptions
+    model: FittedModel, model_file: Path, options: MoveOptions, with_remarks: bool = False
 ) -> tuple[MovingMesh, Deformation, np.ndarray, Movement]:
     """Deform the design surface and move the control mesh behind it."""
     # Returns mesh; deformation; surface: (n_surface, 3), new control points of the design surface (m); movement.
@@ -166,6 +165,8 @@ def moved_control_mesh(
     mover = options.mover.make(mesh)
     initial = model.control_points
     deformation = parse_deformation(options.deform, model, mesh)
+    if with_remarks:
+        show_remarks(deformation, model, SurfaceGrid.of(model, options.design or None).is_section)
     surface = _surface_points(model, mesh, deformation, options.design)
     with within(0.1, 0.7):
         return mesh, deformation, surface, mover.move(initial, surface)
@@ -189,7 +190,7 @@ def _is_given(deformation: Deformation) -> bool:
 
 def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: Progress) -> Moved:
     """Make the move and measure it."""
-    mesh, deformation, surface, movement = moved_control_mesh(model, model_file, options)
+    mesh, deformation, surface, movement = moved_control_mesh(model, model_file, options, with_remarks=True)
     progress(0.7, "evaluating")
     baseline = model.regenerate()
     grid, miss, split = _grid(model, options, mesh, deformation, movement.points)
@@ -198,9 +199,8 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress: 
     before, after = (each.to_vector().reshape(-1, 3) for each in (baseline, grid))
     off = SlidingNodes.of(model.topology, before, mesh.slides).off(after) if mesh.curved_slides else None
     periodic = block_numbers(model.topology, baseline, grid), split
-    is_section = SurfaceGrid.of(model, options.design or None).is_section
-    compared, remarks = _compared(baseline, grid, options), Remarks.of(deformation, model, is_section)
-    return Moved(mesh, model.control_points, surface, movement, grid, miss, *compared, gaps, off, *periodic, remarks)
+    compared = _compared(baseline, grid, options)
+    return Moved(mesh, model.control_points, surface, movement, grid, miss, *compared, gaps, off, *periodic)
 
 
 def _grid(
@@ -315,7 +315,7 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
     solve = report.increments[-1].solve
     how = f"mover {options.mover.mover}{f', solver {solve.solver}' if solve else ''}"
     made = counted(report.n_increments, "increment")
-    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} {unit}; {how}", made, *moved.remarks.notes])
+    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} {unit}; {how}", made])
     if moved.mesh.following:
         names = ", ".join(what for what, _ in moved.mesh.following)
         print_lines([f"the surface ends on curved faces, which follow it unless they are fixed (--fix): {names}"])
@@ -360,7 +360,7 @@ def _row(number: int, increment: IncrementReport) -> tuple:
 
 def _warnings(moved: Moved) -> list[str]:
     """List what is wrong with a move that was made."""
-    warnings = [*moved.remarks.warnings, *still_lines(moved.largest_displacement, moved.mesh.size)]
+    warnings = still_lines(moved.largest_displacement, moved.mesh.size)
     stranded = moved.mesh.stranded_blocks()
     if stranded:
         warnings.append(

@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from ...core.design.deformation import Deformation
 from ...core.design.deformation_warnings import plane_warnings, section_warnings, stream_warnings
+from .output import print_lines, print_warnings
 
-__all__ = ["Remarks", "still_lines"]
+__all__ = ["show_remarks", "still_lines"]
 
 STILL = 1e-12
 """Displacement, relative to the size of the grid, that counts as none: a hinge far off in another unit leaves 1e-61."""
 
 
-@dataclass(frozen=True)
-class Remarks:
-    """Remarks on a deformation; none on given points."""
-
-    notes: tuple[str, ...] = ()  # for the report
-    warnings: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, deformation: Deformation, model: Any, is_section: bool = False) -> Remarks:
-        """Remarks on a deformation of a fitted grid or mesh, whose walls may be a section, the same along the span."""
-        across = plane_warnings(deformation, model.length_unit)
-        along_span = section_warnings(deformation) if is_section else ()
-        return cls(deformation.notes, (*stream_warnings(deformation, model), *across, *along_span))
+def show_remarks(
+    deformation: Deformation,  # of the walls
+    model: Any,  # the fitted grid or mesh
+    is_section: bool,  # whether its walls are a section, the same along the span
+) -> None:
+    """Print remarks on a deformation, which come before the first move: it may be refused for what they say."""
+    along_span = section_warnings(deformation) if is_section else ()
+    print_lines(deformation.notes)
+    print_warnings([*stream_warnings(deformation, model), *plane_warnings(deformation, model.length_unit), *along_span])
 
 
 def still_lines(

@@ -32,7 +32,6 @@ from .move import MoveOptions, gap_numbers, moved_control_mesh
 from .moved_cells import MovedCells
 from .movers import MoverOptions
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
-from .remarks import Remarks
 
 CASES = ".sql"
 """Suffix of case files of OpenMDAO."""
@@ -63,7 +62,6 @@ class _MovedMesh:
     mesh: EmbeddedMeshState
     cells: MovedCells
     gaps: tuple[PeriodicGap, ...]
-    remarks: Remarks  # on the deformation
     seconds: float
 
 
@@ -88,7 +86,7 @@ def ride_along(
         mesh = replace(file.mesh, unit=model.header.length_unit)
         riding = EmbeddedMesh.of(model, mesh, options.wall, options.tolerance, options.hold_outside)
         progress(0.6, "moving")
-        found = _measured(model, *_state(model, model_file, riding, options), start)
+        found = _measured(model, *_state(model, model_file, riding, options, with_remarks=True), start)
         if len(found.cells.newly_inverted) and not options.allow_invalid:
             trials = _trials(model, model_file, riding, options) if options.to is None else []
             raise MovementError(_complaint(found, trials))
@@ -100,23 +98,23 @@ def ride_along(
 
 
 def _state(
-    model: FittedModel, model_file: Path, riding: EmbeddedMesh, options: RideOptions
-) -> tuple[EmbeddedMeshState, np.ndarray, Deformation | None]:
-    """Move the mesh; return the control points and the deformation, if there is one, as well."""
+    model: FittedModel, model_file: Path, riding: EmbeddedMesh, options: RideOptions, with_remarks: bool = False
+) -> tuple[EmbeddedMeshState, np.ndarray]:
+    """Move the mesh; return the control points as well."""
     if options.to is not None:
         points = _known_points(options.to, model)
         if options.slide:
             mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)
             riding = riding.with_slides(model, mesh.slides)
-        return riding.at(points), points, None
+        return riding.at(points), points
     chosen = {name: getattr(options, name) for name in ("deform", "design", "slide", "fix", "release", "mover")}
-    control_mesh, deformation, _, movement = moved_control_mesh(model, model_file, MoveOptions(**chosen))
+    control_mesh, deformation, _, movement = moved_control_mesh(model, model_file, MoveOptions(**chosen), with_remarks)
     riding = riding.with_slides(model, control_mesh.slides)
     state = riding.at(movement.points)
     if not riding.n_asked or any(isinstance(part, PrescribedPoints) for part in deformation.maps):
-        return state, movement.points, deformation
+        return state, movement.points
     asked = _asked(model, riding, state.nodes, deformation, options.design)
-    return riding.at(movement.points, asked), movement.points, deformation
+    return riding.at(movement.points, asked), movement.points
 
 
 def _known_points(path: Path, model: FittedModel) -> np.ndarray:
@@ -163,16 +161,13 @@ def _asked(
     return wall
 
 
-def _measured(
-    model: FittedModel, state: EmbeddedMeshState, points: np.ndarray, deformation: Deformation | None, start: float
-) -> _MovedMesh:
+def _measured(model: FittedModel, state: EmbeddedMeshState, points: np.ndarray, start: float) -> _MovedMesh:
     """Measure the cells, the heights at walls, and gaps between periodic faces of the grid."""
     mesh, walls = state.of.mesh, state.of.walls
     ratios = np.zeros(0) if walls is None else walls.heights(state.nodes) / walls.heights(mesh.points)
     seconds = working_seconds() - start
     gaps = periodic_gaps(model.topology, model.regenerate(), model.regenerate(points))
-    remarks = Remarks() if deformation is None else Remarks.of(deformation, model)
-    return _MovedMesh(state, MovedCells.of(mesh, state.nodes, ratios), gaps, remarks, seconds)
+    return _MovedMesh(state, MovedCells.of(mesh, state.nodes, ratios), gaps, seconds)
 
 
 def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _MovedMesh, options: RideOptions) -> dict:
@@ -228,7 +223,7 @@ def show_ride(output: Path, found: _MovedMesh, unit: str) -> None:
     in_plane = " in two dimensions" if of.mesh.n_copies > 1 else ""
     print_title(f"{of.mesh.source}: {counted(of.mesh.n_stored, 'node')}, {counted(of.mesh.n_cells, 'cell')}{in_plane}")
     moved = np.linalg.norm(found.mesh.nodes - of.mesh.points, axis=1).max(initial=0.0)
-    lines = [f"nodes moved by up to {moved:.3g} {unit}", *found.remarks.notes]
+    lines = [f"nodes moved by up to {moved:.3g} {unit}"]
     if of.walls is not None:
         names = ", ".join(of.wall_names) or "none"
         lines.append(f"walls: {names}, {counted(n_nodes.walls, 'node')}, {n_nodes.followers:,} follow them")
@@ -271,7 +266,8 @@ def _complaint(found: _MovedMesh, trials: Sequence[Trial]) -> str:
 
 def _warnings(found: _MovedMesh) -> list[str]:
     """List problems of a mesh that was written."""
-    of, warnings = found.mesh.of, list(found.remarks.warnings)
+    of = found.mesh.of
+    warnings: list[str] = []
     if of.walls is None:
         warnings.append(
             "no boundary of the mesh lies on a wall of the fitted grid, so no node follows a wall; name its walls "

@@ -1,6 +1,7 @@
 """The commands ``fit`` and ``move`` of meshes without structure: from the file of a mesh to its moved file."""
 
 import re
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -127,6 +128,31 @@ def test_a_move_that_moves_nothing_is_warned_of_for_a_mesh_as_for_a_grid(workpla
             assert run(["move", model, "--deform", deformation, "-o", name]) == 0
             said = "warning: the deformation moves no point of the design surface" in capsys.readouterr().err
             assert said == (number < 2), (deformation, model)
+
+
+@pytest.mark.parametrize(
+    ("fitted", "options", "warned", "is_refused"),
+    [
+        ("@flat_plate:9x8x7", ["--deform", "translate=0/0/0.3", "--mover", "held"], "out of their plane of symm", True),
+        ("plane.su2", ["--deform", "bumps=0.2,seed=1,wavelength=0.1+twist=1deg"], "the walls are a section", True),
+        ("@flat_plate:9x8x7", ["--deform", "translate=0/0/0.01"], "out of their plane of symmetry", False),
+        ("plane.su2", ["--deform", "twist=1deg"], "the walls are a section", False),
+    ],
+)
+def test_remarks_on_a_deformation_are_said_once_and_before_the_first_move(
+    workplace, monkeypatch, capsys, fitted, options, warned, is_refused
+):
+    (workplace / "plane.su2").write_text(plane_su2_text())
+    assert run(["fit", fitted, "-o", "model.h5"]) == 0
+    capsys.readouterr()
+    monkeypatch.setattr("sys.stdout", sys.stderr)  # the order of lines in both
+    suffix = ".su2" if fitted.endswith(".su2") else ".xyz"
+    assert run(["move", "model.h5", *options, "-o", f"moved{suffix}"]) == (2 if is_refused else 0)
+    first, *rest = capsys.readouterr().err.splitlines()
+    assert first.startswith("warning: ")
+    assert warned in first
+    assert warned not in "".join(rest)
+    assert any("inverts cells; trying" in line for line in rest) == is_refused
 
 
 def test_both_planes_of_a_mesh_of_two_dimensions_move_alike(workplace, capsys):
