@@ -53,6 +53,7 @@ def make_airfoil(
     output: Path,  # output, json: model or grid, and numbers to write
     json: Path | None,
     options: AirfoilOptions,
+    allow_invalid: bool,  # write a grid with inverted cells anyway
 ) -> None:
     """Make the grid, fit it if asked, write it and describe it."""
     file = name if Path(name).is_file() else None
@@ -63,7 +64,7 @@ def make_airfoil(
     def outline() -> Airfoil:
         return read_airfoil(name, options.symmetric) if file else airfoil(name, blunt=options.base == "wall")
 
-    write_made_grid(lambda: _made(name, outline, options), output, json, _fitted)
+    write_made_grid(lambda: _made(name, outline, options), output, json, allow_invalid, _fitted)
 
 
 def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) -> MadeGrid:
@@ -101,7 +102,7 @@ def _made(name: str, outline: Callable[[], Airfoil], options: AirfoilOptions) ->
         lines,
         numbers,
         options.reynolds and options.reynolds / options.chord,
-        "give more cells --around" + (", or --topology C" if options.topology == "O" else ""),
+        f"give {'--topology C, or ' if options.topology == 'O' else ''}more cells --around",
         [*(said if is_warned else []), *([section.few_points] if section.few_points else [])],
     )
 

@@ -21,11 +21,12 @@ def extrude_file(
     output: Path,  # output, json: model or grid, and numbers to write
     json: Path | None,
     units: str | None,  # unit of lengths, if the file does not say it
+    allow_invalid: bool,  # write a grid with inverted cells anyway
     **options: Any,  # see `_made`
 ) -> None:
     """Extrude a surface, fit the volume grid if asked, write it and show its quality."""
     check_outputs([output, json], [surface])
-    write_made_grid(lambda: _made(surface, units, **options), output, json)
+    write_made_grid(lambda: _made(surface, units, allow_invalid=allow_invalid, **options), output, json, allow_invalid)
 
 
 def _made(

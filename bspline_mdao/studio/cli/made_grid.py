@@ -14,7 +14,7 @@ from ...base.numerics.progress import progress_bar
 from ...base.text import counted
 from ...core.fit.fitting import fit_grid
 from ...core.model.fitted_model import FittedModel
-from ...errors import FitWarning
+from ...errors import FitWarning, InputError
 from ...grids.cells.first_cells import FirstCells
 from ...grids.cells.grid_quality import GridQuality
 from ...grids.cells.report import QualityReport, report_quality
@@ -51,6 +51,7 @@ def write_made_grid(
     make: Callable[[], MadeGrid],
     output: Path,  # output, json: model or grid, and numbers to write
     json: Path | None,
+    allow_invalid: bool,  # write a grid with inverted cells anyway
     fit: Callable[[Grid], FittedModel] = fit_grid,
 ) -> None:
     """Make a grid, fit it if a model is requested, write it and describe it."""
@@ -63,6 +64,11 @@ def write_made_grid(
             check_grid_name(output, grid)
         quality = GridQuality.of_baseline(grid)
         cells = report_quality(quality, grid.to_vector().reshape(-1, 3))
+        if cells.n_inverted and not allow_invalid:
+            raise InputError(
+                f"{made.title}: {counted(cells.n_inverted, 'inverted cell')}, the worst {cells.inverted[0]}; nothing "
+                f"was written; {made.cure}, or --allow-invalid to write it"
+            )
         heights, spacings = _heights(quality.first_cells, made), wall_spacings(grid, quality.first_cells)
         model = fit(grid) if is_model else None
         progress(0.8, "validity" if model else "writing")

@@ -16,6 +16,10 @@ __all__ = ["airfoil", "extrude", "wing"]
 
 made_option = output_option("MODEL.h5|GRID", "Fitted model, or grid alone.")
 
+allow_invalid_option = click.option(
+    "--allow-invalid", is_flag=True, help="Write the grid even if cells of it are inverted."
+)
+
 y_plus_option = click.option(
     "--y-plus",
     type=POSITIVE,
@@ -90,8 +94,9 @@ y_plus_option = click.option(
 )
 @click.option("--symmetric", is_flag=True, help="The file has one side of a symmetric section.")
 @click.option("--units", type=click.Choice(LENGTH_UNITS), help="Unit of length of the grid; metres by default.")
+@allow_invalid_option
 @json_option
-def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
+def airfoil(name: str, output: Path, json: Path | None, allow_invalid: bool, **options: Any) -> None:
     """Make an O- or C-grid around an airfoil, and fit it if the output is a model.
 
     AIRFOIL is four or five NACA digits, such as naca2412 or naca23012; class-shape coefficients from the nose to the
@@ -103,12 +108,13 @@ def airfoil(name: str, output: Path, json: Path | None, **options: Any) -> None:
     with without_collector():
         from .airfoil import AirfoilOptions, make_airfoil
 
-    make_airfoil(name, output, json, AirfoilOptions(**options))
+    make_airfoil(name, output, json, AirfoilOptions(**options), allow_invalid)
 
 
 @command("wing planform.toml -o wing.h5", "wing planform.toml -o wing.cgns")
 @click.argument("planform", metavar="PLANFORM.toml", type=click.Path(path_type=Path))
 @made_option
+@allow_invalid_option
 @json_option
 def wing(**options: Any) -> None:
     r"""Make an H-H grid of twelve blocks or more around a wing, and fit it if the output is a model.
@@ -208,7 +214,7 @@ def wing(**options: Any) -> None:
     help="Distance of the sides of a box of cells around the grid, for an overset grid.",
 )
 @click.option("--inward", is_flag=True, help="Extrude to the other side, into a closed surface.")
-@click.option("--allow-invalid", is_flag=True, help="Write the grid even if cells of it are inverted.")
+@allow_invalid_option
 @units_option
 @json_option
 def extrude(**options: Any) -> None:

@@ -14,10 +14,11 @@ def make_wing(
     planform: Path,  # file of planform, sections and spacings
     output: Path,  # output, json: model or grid, and numbers to write
     json: Path | None,
+    allow_invalid: bool,  # write a grid with inverted cells anyway
 ) -> None:
     """Make the grid, fit it if asked, write it and describe it."""
     check_outputs([output, json], [planform])
-    write_made_grid(lambda: _made(planform), output, json)
+    write_made_grid(lambda: _made(planform), output, json, allow_invalid)
 
 
 def _made(file: Path) -> MadeGrid:

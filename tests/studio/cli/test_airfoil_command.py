@@ -114,7 +114,16 @@ def test_a_file_of_too_few_points_is_warned_of(said):
 
 def test_where_a_cusp_inverts_a_cell_of_an_o_grid_a_c_grid_is_named_which_has_none(said):
     cusped = ("cst:0.17,0.16,0.3/-0.17,-0.1,0.3", "-o", "foil.xyz", "--overwrite", "--around", "64", "--away", "32")
-    assert "warning: 1 inverted cell; give more cells --around, or --topology C" in said(*cusped)
+    refused = said(*cusped, status=2)
+    assert (
+        "1 inverted cell, the worst cell (1, 1, 1) of around the airfoil; nothing was written; give --topo" in refused
+    )
+    assert refused.endswith("give --topology C, or more cells --around, or --allow-invalid to write it\n")
+    assert refused.count("\n") == 1
+    assert not list(Path().iterdir())
+    words = said(*cusped, "--allow-invalid")
+    assert "warning: 1 inverted cell; give --topology C, or more cells --around" in words
+    assert "foil.xyz written" in words
     assert "0 inverted" in said(*cusped, "--topology", "C")
 
 
