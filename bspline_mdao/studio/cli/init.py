@@ -66,6 +66,13 @@ def draft_study(
     with replaced_file(output) as part:
         part.write_text(text, encoding="utf-8")
     print_lines([*_key_lines(text), f"{output} written; check it, and run 'bspline-mdao optimize {output} -o out'"])
+    if body.worst <= 0.0:
+        print_warnings(
+            [
+                f"{output}: no bound of {body.aggregate} is drafted: it is {body.worst:.2g} on the grid as it is, "
+                f"whose cells are inverted or nearly so; 'bspline-mdao quality' lists them"
+            ]
+        )
     if body.axes and body.why_backwards:
         print_warnings([f"{output}: {body.why_backwards}; turn the mesh"])
     if body.axes and body.plane_off and "[flow]" in text:

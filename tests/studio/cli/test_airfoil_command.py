@@ -127,6 +127,15 @@ def test_where_a_cusp_inverts_a_cell_of_an_o_grid_a_c_grid_is_named_which_has_no
     assert "0 inverted" in said(*cusped, "--topology", "C")
 
 
+def test_init_says_that_it_drafts_no_bound_of_the_cells_where_some_are_inverted(said, capsys):
+    warned = "warning: draft.toml: no bound of corner_ks is drafted: it is -0.0"
+    for name, is_warned in (("cst:0.17,0.16,0.3/-0.17,-0.1,0.3", True), ("naca0012", False)):
+        said(name, "-o", "foil.cgns", "--overwrite", "--around", "32", "--away", "16", "--allow-invalid")
+        assert run(["init", "foil.cgns", "-o", "draft.toml", "--overwrite"]) == 0
+        assert (warned in capsys.readouterr().err) == is_warned
+        assert ("[constraints.corner_ks]" in Path("draft.toml").read_text()) != is_warned
+
+
 def test_a_c_grid_keeps_the_base_and_says_so(said):
     small = ("--topology", "C", "--around", "32", "--away", "8", "--wake", "20")
     words = said("cst:0.2,0.2/-0.2,-0.2/0.03", "-o", "foil.h5", *small)
