@@ -26,10 +26,10 @@ from .cgns_families import BC_OVERSET
 from .cgns_overset import OVERSET_TYPE
 from .grid_frame import GridFrame
 from .marker_pairs import turned_markers
-from .patch_certainty import place_of
+from .patch_certainty import COARSE, FAR, place_of
 from .patch_guess import kind_of_name
 
-__all__ = ["MARKER_KINDS", "NO_WALL", "MarkerGuess", "guess_kinds", "kind_of_words"]
+__all__ = ["MARKER_KINDS", "NO_WALL", "MarkerGuess", "contradicting_guesses", "guess_kinds", "kind_of_words"]
 
 MARKER_KINDS = ("wall", "symmetry", "farfield", "periodic", "inner", "sliding", "other")
 """Kinds of markers: bodies, planes of symmetry, boundaries that fluid passes through, periodic sides, faces inside the
@@ -156,6 +156,25 @@ def guess_kinds(mesh: MixedMesh, known: Mapping[str, MarkerGuess] | None = None)
     return {name: found[name] for name in mesh.markers or {}}
 
 
+def contradicting_guesses(mesh: MixedMesh, declared: Mapping[str, str]) -> dict[str, MarkerGuess]:
+    """Sure guesses at planes of symmetry and far fields that contradict declared kinds; walls may be anything."""
+    places = _Places(mesh)
+    others = [name for name in declared if ({"symmetry", "farfield"} - {declared[name]}) & {*_said(name, mesh)}]
+    guesses = {name: guess for name in others if (guess := _by_words(name, places)) and guess.sure == "sure"}
+    return {name: guess for name, guess in guesses.items() if _contradicts(guess, name, declared[name], places)}
+
+
+def _contradicts(guess: MarkerGuess, name: str, declared: str, places: _Places) -> bool:
+    """Whether a sure guess contradicts a declared kind, and no use of that kind is known for such a place."""
+    if guess.kind == "symmetry":  # walls on which fluid slips are called symmetry as well
+        return declared in ("wall", "farfield") and kind_of_words(name) != "wall" and bool(places.planes(name))
+    if guess.kind != "farfield" or not places.is_far(name):
+        return False
+    if declared == "wall":  # a casing may be called outer
+        return "outer" not in name.lower()
+    return declared == "symmetry" and len(places.planes(name)) != 1  # nodes of an inlet may slide in its plane
+
+
 def kind_of_words(name: str) -> str:
     """Kind for the words of a name; ``other`` if they say nothing, or contradict each other."""
     parts = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
@@ -166,10 +185,15 @@ def kind_of_words(name: str) -> str:
     return "other" if said else kind_of_name(name)
 
 
+def _said(name: str, mesh: MixedMesh) -> tuple[str, str]:
+    """Kinds by what the file says about a marker, and by its name."""
+    stated = (mesh.stated or {}).get(name, "")
+    return _KIND_OF_TYPE.get(stated) or kind_of(stated, ""), kind_of_words(name)
+
+
 def _by_words(name: str, places: _Places) -> MarkerGuess | None:
     """Guess by what the file says, by faces that have cells on both sides, and by the name."""
-    stated, named = (places.mesh.stated or {}).get(name, ""), kind_of_words(name)
-    of_type = _KIND_OF_TYPE.get(stated) or kind_of(stated, "")
+    of_type, named = _said(name, places.mesh)
     n_outer, n_inner = places.counts(name)
     if not n_outer + n_inner:
         return MarkerGuess("other", "unsure", f"{NO_WALL[0]} is one of a cell")
@@ -180,7 +204,7 @@ def _by_words(name: str, places: _Places) -> MarkerGuess | None:
         why = "its faces have cells on both sides" + ", though it is called a wall" * is_doubtful
         return MarkerGuess("inner", "unsure" if is_doubtful else "sure", why)
     if of_type != "other":
-        return MarkerGuess(of_type, "sure", f"its file says {stated}")
+        return MarkerGuess(of_type, "sure", f"its file says {(places.mesh.stated or {})[name]}")
     if named == "other":
         return None
     if named == "symmetry" and not places.planes(name):
@@ -257,6 +281,11 @@ class _Places:
         """Height of the cells at a marker relative to most cells."""
         rows, usual = self._rows(name)[0], self._faces[3]
         return float(np.median(self._faces[2][rows]) / usual) if len(rows) and usual > 0.0 else None
+
+    def is_far(self, name: str) -> bool:
+        """Whether a marker is far from the middle, below cells that are higher than most."""
+        part = self.part(name)
+        return self.distance(name) > FAR and part is not None and part > COARSE
 
     def planes(self, name: str) -> list[tuple[np.ndarray, float, float]]:
         """Unit normal of each plane of a marker, and the smallest and largest height along it; none if curved."""

@@ -21,10 +21,10 @@ from ...base.matching import MARKERS, matching_names
 from ...base.toml import parse_toml
 from ...errors import InputError
 from ..cells.mixed_cells import MixedMesh
-from .marker_guess import MARKER_KINDS, NO_WALL, MarkerGuess, guess_kinds
+from .marker_guess import MARKER_KINDS, NO_WALL, MarkerGuess, contradicting_guesses, guess_kinds
 from .patches import check_keys, is_nmf, listed, read_patches_text
 
-__all__ = ["draft_kinds", "marker_kinds", "read_kinds", "undecided"]
+__all__ = ["doubtful_kinds", "draft_kinds", "marker_kinds", "read_kinds", "undecided"]
 
 _HEADER = """Markers of {source}: a draft to be checked.
 Kinds: {kinds}. A name may be a pattern, such as "wing*"; the first that fits counts.
@@ -120,6 +120,16 @@ def marker_kinds(mesh: MixedMesh, patches: str | os.PathLike | None = None) -> d
     declared = read_kinds(patches, mesh) if patches else {}
     said = {name: MarkerGuess(kind, "sure", f"declared in {patches}") for name, kind in declared.items()}
     return guess_kinds(mesh, said)
+
+
+def doubtful_kinds(mesh: MixedMesh, patches: str | os.PathLike | None) -> list[str]:
+    """Warning of kinds declared in a patches file that contradict sure guesses; none if there are none."""
+    declared = read_kinds(patches, mesh) if patches else {}
+    said = [
+        f"'{name}' is declared {declared[name]} and seems to be {guess.kind} ({guess.why})"
+        for name, guess in contradicting_guesses(mesh, declared).items()
+    ]
+    return [f"{patches}: {', '.join(said)}; mend the file unless that is meant"] if said else []
 
 
 def undecided(mesh: MixedMesh, kinds: Mapping[str, MarkerGuess]) -> str:

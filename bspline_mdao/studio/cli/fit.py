@@ -24,6 +24,7 @@ from ...grids.cells.certificate import Certificate
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.io.formats import MODEL
 from ...grids.io.marker_guess import MarkerGuess
+from ...grids.io.marker_kinds import doubtful_kinds
 from ...grids.io.meshes.blocks import marked_grid
 from ...grids.io.meshes.files import is_mesh
 from ...grids.io.patch_guess import may_overlap, overlap_of
@@ -92,8 +93,15 @@ def fit_model(
         """Build a lattice around the mesh that is read."""
         fit_mesh(grid_name, output, json, read, asked_settings(spacing, spans), moves)
 
+    def read_marked() -> tuple[MixedMesh, dict[str, MarkerGuess]]:
+        """Read the mesh, and warn of kinds that may be why its lattice is refused."""
+        mesh, kinds = read_marked_mesh(grid_name, patches, units)
+        if is_bare:
+            print_warnings(doubtful_kinds(mesh, patches))
+        return mesh, kinds
+
     if lattice or is_bare:
-        on_first(comm, lambda: lay(lambda: read_marked_mesh(grid_name, patches, units)))
+        on_first(comm, lambda: lay(read_marked))
         return
     with progress_bar() as progress:
         progress(0.0, "reading")

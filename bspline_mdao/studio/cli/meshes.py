@@ -24,7 +24,7 @@ from ...grids.cells.wall_spacing import WallSpacing
 from ...grids.io.disk import replaced_file
 from ...grids.io.formats import MODEL
 from ...grids.io.marker_guess import MarkerGuess
-from ...grids.io.marker_kinds import draft_kinds, marker_kinds, undecided
+from ...grids.io.marker_kinds import doubtful_kinds, draft_kinds, marker_kinds, undecided
 from ...grids.io.meshes.files import read_mesh
 from ...grids.topology.length_unit import in_unit
 from .mesh_periodic import gap_lines, side_numbers
@@ -63,7 +63,7 @@ def inspect_mesh(
         progress(0.0, "reading")
         mesh = in_unit(with_markers(read_mesh(name).mesh), units)
         progress(0.5, "markers")
-        kinds = marker_kinds(mesh, patches)
+        kinds, warnings = marker_kinds(mesh, patches), doubtful_kinds(mesh, patches)
         progress(0.7, "cells")
         quality, certificate = mesh.quality(), Certificate(certify_mixed(mesh))
         walls = [marker for marker, guess in kinds.items() if guess.kind == "wall"]
@@ -79,7 +79,8 @@ def inspect_mesh(
     if draft:
         print_lines([f"{draft} written: mend the kinds of markers, then pass it as --patches {draft}"])
     if numbers["to_declare"]:
-        print_warnings([numbers["to_declare"]])
+        warnings.append(numbers["to_declare"])
+    print_warnings(warnings)
 
 
 def measure_mesh(

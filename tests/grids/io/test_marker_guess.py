@@ -10,7 +10,7 @@ from riding_cases import corners_of, mesh, plane_su2_text
 from bspline_mdao import InputError
 from bspline_mdao.files import read_mesh, write_polymesh
 from bspline_mdao.generators import brick_grid
-from bspline_mdao.grids.io.marker_guess import kind_of_words
+from bspline_mdao.grids.io.marker_guess import contradicting_guesses, kind_of_words
 from bspline_mdao.grids.io.marker_kinds import draft_kinds, undecided
 from bspline_mdao.meshes import MarkerGuess, MixedMesh, guess_kinds, marker_kinds, read_kinds, with_markers
 
@@ -215,6 +215,36 @@ def test_patterns_declare_and_a_draft_comes_back(tmp_path):
     odd = renamed(brick, a="w*", b="[x]", c='"q?')
     path.write_text(draft_kinds(odd, guess_kinds(odd)))
     assert read_kinds(path, odd) == {name: guess.kind for name, guess in guess_kinds(odd).items()}
+
+
+@pytest.mark.parametrize(
+    ("declared", "doubtful"),
+    [
+        ({"wing": "wall", "symmetry": "symmetry", "far": "farfield"}, ""),
+        ({"wing": "other", "symmetry": "other", "far": "other"}, ""),
+        ({"wing": "farfield", "symmetry": "periodic", "far": "sliding"}, ""),
+        ({"symmetry": "wall"}, "symmetry"),
+        ({"symmetry": "farfield"}, "symmetry"),
+        ({"far": "symmetry"}, "far"),
+        ({"far": "wall"}, "far"),
+    ],
+)
+def test_declared_kinds_are_doubted_where_a_sure_guess_contradicts_them(declared, doubtful):
+    assert " ".join(contradicting_guesses(mesh(), declared)) == doubtful
+
+
+def test_declared_kinds_that_have_a_use_are_not_doubted_though_guesses_differ():
+    brick = box()
+    sides = renamed(brick, a="inlet", b="outer", c="slip_wall_sym", d="plane", e="sym")
+    assert not contradicting_guesses(sides, {"inlet": "symmetry", "outer": "wall", "slip_wall_sym": "wall"})
+    assert not contradicting_guesses(sides, {"plane": "wall", "sym": "symmetry", "f": "farfield"})
+    near = renamed(mesh(), wing="farfield", far="a")  # a wing of a misleading name
+    assert not contradicting_guesses(near, {"farfield": "wall", "a": "farfield"})
+    casing = renamed(mesh(), far="outer")
+    assert not contradicting_guesses(casing, {"outer": "wall"})
+    floor = {"lower_wall": brick.markers["e"]}  # an inviscid wall
+    slip = MixedMesh(brick.points, brick.cells, floor, stated={"lower_wall": "symmetryPlane"})
+    assert not contradicting_guesses(slip, {"lower_wall": "wall"})
 
 
 @pytest.mark.parametrize(

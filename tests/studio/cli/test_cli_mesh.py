@@ -240,6 +240,22 @@ def test_sides_by_a_rotation_are_tied_and_their_gap_is_told(workplace, capsys):
     assert re.search(r"differs there by up to 0\.0\d+ m, at node \d+ of marker 'floor', which moves as its copy", shown)
 
 
+def test_kinds_that_contradict_sure_guesses_are_warned_of_in_one_line(workplace, capsys):
+    kinds, commands = workplace / "kinds.toml", (["inspect", "wing.su2"], ["fit", "wing.su2", "-o", "a.h5"])
+    kinds.write_text('[kinds]\nwing = "wall"\nsymmetry = "farfield"\nfar = "symmetry"\n')
+    said = (
+        "warning: kinds.toml: 'symmetry' is declared farfield and seems to be symmetry (by its name), 'far' is "
+        "declared symmetry and seems to be farfield (by its name); mend the file unless that is meant"
+    )
+    for command in commands:
+        assert run([*command, "--patches", "kinds.toml"]) == 0
+        assert [line for line in capsys.readouterr().err.splitlines() if "is declared" in line] == [said]
+    kinds.write_text(KINDS)
+    for command in commands:
+        assert run([*command, "--patches", "kinds.toml", *(["--overwrite"] if command[0] == "fit" else [])]) == 0
+        assert "is declared" not in capsys.readouterr().err
+
+
 def test_what_cannot_be_fitted_or_moved_ends_in_one_line(workplace, capsys):
     nameless = re.sub("MARKER_TAG= *wing", "MARKER_TAG= x_p", su2_text(mesh()))
     (workplace / "nameless.su2").write_text(nameless)
