@@ -52,7 +52,7 @@ from .mesh_surface import map_to_surface, surface_of_faces
 from .mesh_walls import FADE, faces_of_walls, following_walls, images_of_walls
 from .periodic_sides import PeriodicSides, sides_of
 from .points_to_move import points_to_move
-from .refinement import refined_settings
+from .refinement import refinements
 from .sliding_markers import markers_that_slide, nodes_that_slide, with_sliding
 from .thin_plate import ThinPlate
 from .wall_follower import WallFollower
@@ -189,7 +189,8 @@ class MeshModel(Plottable, Movable):
         """Refine the lattice for known moves, such as the moves at the bounds of design variables.
 
         Its spans are halved where the remaining distance from the walls is more than the cells above them can absorb.
-        Do this once, before a study or an optimisation, so all designs share one lattice.
+        Do this once, before a study or an optimisation, so all designs share one lattice. Of the lattices on the way
+        that invert no more cells by any of the moves, the one that inverts the fewest is chosen, the finest of equals.
 
         Parameters
         ----------
@@ -199,13 +200,30 @@ class MeshModel(Plottable, Movable):
         Returns
         -------
         MeshModel
-            This model if the lattice is fine enough.
+            This model if the lattice is fine enough, or if finer ones invert more cells.
         """
         at = self.mesh.points[self.wall_rows]
         changes = [as_finite_points(each, len(at), f"{self.source}: nodes of walls") - at for each in walls]
         reach = FADE[1] * float(np.linalg.norm(np.ptp(at, axis=0)))
-        settings = refined_settings(lambda each: self.with_settings(each).mover, self.settings, changes, reach)
-        return self if settings == self.settings else self.with_settings(settings)
+        laid = {self.settings: self}
+
+        def mover_of(settings: LatticeSettings) -> ThinPlate:
+            if settings not in laid:
+                laid[settings] = self.with_settings(settings)
+            return laid[settings].mover
+
+        found = [laid[settings] for settings in refinements(mover_of, self.settings, changes, reach)]
+        if len(found) == 1:
+            return self
+        counts = np.array([[model.n_inverted(each) for each in walls] for model in found])
+        fit = np.flatnonzero((counts <= counts[0]).all(axis=1))[::-1]
+        return found[fit[np.argmin(counts[fit].sum(axis=1))]]
+
+    def n_inverted(self, walls: np.ndarray) -> int:
+        """Count the cells that are inverted by moving the wall nodes to ``walls`` (m), shape (n_walls, 3)."""
+        whole = self if self.subdomain is None else replace(self, subdomain=None)
+        nodes = whole.node_map.at(whole.mover.move(whole.control_points, walls).points).nodes
+        return int((self.mesh.quality(nodes).is_inverted & ~self.mesh.quality().is_inverted).sum())
 
     def deformed(self, deformation: Deformation) -> np.ndarray:
         """Positions (m) of the deformed wall nodes on the design surface, shape (n_surface, 3)."""

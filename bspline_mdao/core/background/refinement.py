@@ -4,6 +4,9 @@ The distance between lattice and walls fades over a reach around them, which str
 Where that is more than they can absorb, spans are halved. These spans are found once, from known moves, so all designs
 share one lattice, and the mesh stays a smooth function of them.
 
+A lattice closer to the walls is not always better for the cells farther away, so `MeshModel.refined_for` chooses among
+the lattices by the cells that they invert.
+
 Theory: ``docs/theory/background_lattice.rst``.
 """
 
@@ -19,7 +22,7 @@ from .lattice_settings import LatticeSettings
 from .lattice_spans import WITHOUT_ASKING, factor_bytes
 from .thin_plate import ThinPlate
 
-__all__ = ["narrower", "refined_settings", "strain_at_walls"]
+__all__ = ["narrower", "refinements", "strain_at_walls"]
 
 CARRIED = 0.02
 """Allowed distance between lattice and wall, relative to the distance over which it fades. Smallest volumes at a bump
@@ -33,14 +36,14 @@ WORTH = 0.9
 """Ratio of largest strains below which halving is worthwhile: otherwise stiffness keeps the lattice off the walls."""
 
 
-def refined_settings(
+def refinements(
     mover_of: Callable[[LatticeSettings], ThinPlate],  # mover of the lattice with given settings, with all walls
     settings: LatticeSettings,  # settings of the lattice to refine
     changes: Sequence[np.ndarray],  # displacements of wall nodes, shape (n_walls, 3), to follow (m)
     reach: float,  # distance over which the error fades (m)
-) -> LatticeSettings:
-    """Halve spans until a lattice follows walls well enough, as long as that helps and memory allows."""
-    mover = mover_of(settings)
+) -> list[LatticeSettings]:
+    """Settings from a lattice to one that follows walls well enough, by halving; as long as that helps and fits."""
+    found, mover = [settings], mover_of(settings)
     strains = strain_at_walls(mover, changes, reach)
     for _ in range(ROUNDS):
         if strains.max() <= CARRIED:
@@ -54,7 +57,8 @@ def refined_settings(
         if left.max() > WORTH * strains.max():
             break
         settings, mover, strains = finer, next_mover, left
-    return settings
+        found.append(settings)
+    return found
 
 
 def strain_at_walls(mover: ThinPlate, changes: Sequence[np.ndarray], reach: float) -> np.ndarray:

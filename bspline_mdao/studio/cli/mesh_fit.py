@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,15 @@ from ...core.design.named_deformations import parse_deformation
 from ...errors import InputError
 from ...grids.cells.mixed_cells import MixedMesh
 from ...grids.io.marker_guess import MarkerGuess
+from .cures import Trial
 from .mesh_periodic import side_numbers
 from .meshes import n_unmarked_faces, n_unused_nodes, unmarked_lines, unused_lines
 from .output import counts_text, print_lines, print_table, print_title, print_warnings, written_json
 
-__all__ = ["asked_settings", "fit_mesh", "lattice_numbers", "show_lattice"]
+__all__ = ["asked_settings", "fit_mesh", "lattice_numbers", "other_lattice", "show_lattice"]
+
+COARSER = 0.5
+"""Number of spans, relative to a lattice whose moves invert cells, of another that is tried."""
 
 
 def fit_mesh(
@@ -42,17 +47,19 @@ def fit_mesh(
         progress(0.5, "lattice")
         chosen = {name: guess.kind for name, guess in kinds.items()}
         model = MeshModel.of(mesh, chosen, settings, Path(mesh_name).absolute())
+        walls = {text: model.deformed(parse_deformation(text, model, model.moving_mesh)) for text in moves}
         if moves:
             progress(0.55, "refining")
-            mesh_of_walls = model.moving_mesh
-            model = model.refined_for([model.deformed(parse_deformation(text, model, mesh_of_walls)) for text in moves])
+            model = model.refined_for([*walls.values()])
         progress(0.6, "walls")
         model.node_map  # noqa: B018 - refuses what cannot be moved
+        inverted = {text: model.n_inverted(each) for text, each in walls.items()}
+        cures = coarser_cures(model, {text: walls[text] for text, n in inverted.items() if n})
         seconds = working_seconds() - start
-    numbers = fit_mesh_numbers(model, kinds, seconds)
+    numbers = {**fit_mesh_numbers(model, kinds, seconds), "n_inverted_by_moves": inverted}
     with written_json(json, numbers):
         model.save(output)
-    show_mesh_fit(model, kinds, output, numbers)
+    show_mesh_fit(model, kinds, output, numbers, cures)
 
 
 def asked_settings(spacing: float | None, spans: float | None) -> LatticeSettings:
@@ -88,7 +95,29 @@ def lattice_numbers(model: MeshModel) -> dict:
     }
 
 
-def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Path, numbers: dict) -> None:
+def other_lattice(settings: LatticeSettings, part: float) -> tuple[str, LatticeSettings]:
+    """Text to type for a lattice with a multiple of the spans, not refined for moves, and its settings."""
+    if settings.spacing:
+        spacing = float(f"{settings.spacing / part:.2g}")
+        return f"a model by 'fit --spacing {spacing:g}'", replace(settings, spacing=spacing, refined=())
+    spans = float(f"{settings.spans * part:.2g}")
+    return f"a model by 'fit --spans {spans:g}'", replace(settings, spans=spans, refined=())
+
+
+def coarser_cures(model: MeshModel, walls: Mapping[str, np.ndarray]) -> dict[str, Trial]:
+    """Try a coarser lattice for moves, each with the nodes of walls after it, shape (n_walls, 3)."""
+    text, settings = other_lattice(model.settings, COARSER)
+    coarser = model.with_settings(settings) if walls else model
+    return {move: Trial(text, coarser.n_inverted(each)) for move, each in walls.items()}
+
+
+def show_mesh_fit(
+    model: MeshModel,  # what was fitted
+    kinds: Mapping[str, MarkerGuess],  # what was taken for the kinds of markers
+    output: Path,  # file of the model
+    numbers: dict,  # of the fit, for JSON
+    cures: Mapping[str, Trial],  # other lattices, by moves that invert cells
+) -> None:
     """Print what was fitted and what was written."""
     mesh, faces = model.mesh, model.mesh.markers or {}
     in_plane = " in two dimensions" if mesh.n_copies > 1 else ""
@@ -100,11 +129,28 @@ def show_mesh_fit(model: MeshModel, kinds: Mapping[str, MarkerGuess], output: Pa
     unsure = [name for name, guess in kinds.items() if guess.sure == "unsure"]
     show_lattice(model)
     print_lines([f"{output} written, {numbers['seconds']:.2f} s"])
+    valid = [text for text, n in numbers["n_inverted_by_moves"].items() if not n]
+    if valid:
+        print_lines([f"tried {' and '.join(valid)}: no cell of the mesh is inverted"])
     warnings = gap_warnings(model)
     if unsure:
         warnings.append(f"not sure about {', '.join(unsure)}: declare them by --patches FILE.toml if they are not that")
+    warnings += inverted_lines(numbers["n_inverted_by_moves"], cures)
     if warnings:
         print_warnings(warnings)
+
+
+def inverted_lines(inverted: Mapping[str, int], cures: Mapping[str, Trial]) -> list[str]:
+    """Say how many cells moves invert with the best of the refined lattices, and what to do."""
+    found = []
+    for move, cure in cures.items():
+        new = counted(inverted[move], "cell")
+        is_better = cure.n_inverted is not None and cure.n_inverted < inverted[move]
+        better = f"take {cure.text}, which inverts {cure.n_inverted or 'none'}, or " if is_better else ""
+        found.append(
+            f"{move} inverts {new} of the mesh with this lattice, the best found by refining; {better}deform it less"
+        )
+    return found
 
 
 def gap_warnings(model: MeshModel) -> list[str]:

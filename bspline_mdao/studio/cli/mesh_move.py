@@ -25,7 +25,7 @@ from ...errors import InputError, MovementError
 from ...grids.cells.overlap_change import OverlapChange
 from ...grids.io.meshes.blocks import BlockMeshFile
 from .cures import Trial, try_each, verdict
-from .mesh_fit import lattice_numbers, show_lattice
+from .mesh_fit import lattice_numbers, other_lattice, show_lattice
 from .mesh_periodic import gap_lines, side_numbers, split_lines
 from .move import MoveOptions, write_points
 from .moved_cells import MovedCells
@@ -37,8 +37,8 @@ from .units import unit_warnings
 
 __all__ = ["move_mesh"]
 
-FINER = (1.5, 2.25)
-"""Divisors of the lattice spacing to try if cells are inverted."""
+OTHERS = (0.5, 1.5, 2.25)
+"""Divisors of the lattice spacing to try if cells are inverted, the cheapest first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,10 +156,10 @@ def _refined(moved: _Moved, options: MoveOptions) -> _Moved | None:
     model = moved.model
     walls = model.mesh.points[model.wall_rows].copy()
     walls[model.design_mesh(options.design or None).surface_ids] = moved.surface
-    refined = model.refined_for([walls])
-    if refined is model:
-        return None
     try:
+        refined = model.refined_for([walls])
+        if refined is model:
+            return None
         again = _move(refined, options)
     except MovementError:
         return None
@@ -169,21 +169,12 @@ def _refined(moved: _Moved, options: MoveOptions) -> _Moved | None:
 
 
 def _trials(model: MeshModel, options: MoveOptions) -> list[Trial]:
-    """Try finer lattices, until one inverts no cell."""
+    """Try coarser and finer lattices, until one inverts no cell."""
 
     def n_inverted(settings: LatticeSettings) -> int:
         return len(_move(model.with_settings(settings), options).cells.newly_inverted)
 
-    return try_each((_finer(model, part) for part in FINER), n_inverted)
-
-
-def _finer(model: MeshModel, part: float) -> tuple[str, LatticeSettings]:
-    """Text to type for a lattice with spans that are a fraction of a model's, and its settings."""
-    if model.settings.spacing:
-        spacing = float(f"{model.settings.spacing / part:.2g}")
-        return f"a model by 'fit --spacing {spacing:g}'", replace(model.settings, spacing=spacing)
-    spans = float(f"{model.settings.spans * part:.2g}")
-    return f"a model by 'fit --spans {spans:g}'", replace(model.settings, spans=spans)
+    return try_each((other_lattice(model.settings, part) for part in OTHERS), n_inverted)
 
 
 def _complaint(moved: _Moved, trials: Sequence[Trial]) -> str:

@@ -53,6 +53,16 @@ def test_a_small_body_that_leaves_a_large_one_inverts_no_cell_where_the_lattice_
     assert n_inverted[1] == 0
 
 
+@pytest.mark.parametrize("height", [0.4, 0.6])
+def test_a_refined_lattice_that_inverts_more_cells_is_not_taken(channel, height, monkeypatch):
+    walls = with_bump(channel, height)
+    taken = channel.refined_for([walls]).n_inverted(walls)
+    monkeypatch.setattr(MeshModel, "n_inverted", lambda model, _: 0)
+    finest = channel.refined_for([walls])
+    monkeypatch.undo()
+    assert taken <= channel.n_inverted(walls) < finest.n_inverted(walls)
+
+
 @pytest.mark.slow
 def test_a_lattice_is_refined_for_all_moves_and_no_further_than_they_ask(channel):
     small, large = with_bump(channel, 1e-3), with_bump(channel, 0.1)

@@ -11,10 +11,11 @@ from riding_cases import mesh, plane_su2_text, su2_text
 from test_cli import fails_as_expected, numbers
 
 from bspline_mdao.core.background.mesh_model import MeshModel
+from bspline_mdao.core.design.named_deformations import parse_deformation
 from bspline_mdao.files import read_mesh
 from bspline_mdao.meshes import LatticeSettings, fit_mesh
 from bspline_mdao.studio.cli.main import run
-from bspline_mdao.studio.cli.mesh_fit import untied_lines
+from bspline_mdao.studio.cli.mesh_fit import other_lattice, untied_lines
 
 KINDS = '[kinds]\n"wing" = "wall"\n"far*" = "farfield"\n"sym*" = "symmetry"\n'
 
@@ -80,6 +81,27 @@ def test_a_lattice_is_refined_for_moves_that_are_to_come(workplace, capsys):
     both = ["fit", "wing.su2", "-o", "both.h5", "--spans", "3", "--spacing", "0.1"]
     fails_as_expected(both, capsys, "give one of them")
     fails_as_expected(["fit", "@onera_m6", "--for", "twist=1deg", "-o", "b.h5"], capsys, "--for")
+
+
+def test_a_fit_says_whether_the_moves_that_it_is_for_invert_cells(workplace, capsys):
+    asked = ["--spans", "4", "--for", "twist=1deg", "--for", "sweep=60deg"]
+    assert run(["fit", "wing.su2", "-o", "wing.h5", *asked, "--json", "fit.json"]) == 0
+    out, err = capsys.readouterr()
+    inverted = numbers("fit.json")["n_inverted_by_moves"]
+    assert inverted["twist=1deg"] == 0 < inverted["sweep=60deg"]
+    assert out.splitlines()[-1] == "tried twist=1deg: no cell of the mesh is inverted"
+    assert f"sweep=60deg inverts {inverted['sweep=60deg']} cells of the mesh" in err.splitlines()[-1]
+    assert err.splitlines()[-1].endswith("deform it less")
+    model = fit_mesh("wing.su2", settings=LatticeSettings(spans=4))
+    walls = model.deformed(parse_deformation(("sweep=60deg",), model, model.moving_mesh))
+    assert inverted["sweep=60deg"] <= model.n_inverted(walls)
+
+
+def test_settings_of_another_lattice_are_those_of_the_text_to_type():
+    refined = LatticeSettings(refined=((0, 1.0, 2.0, 0.1),))
+    assert other_lattice(refined, 0.5) == ("a model by 'fit --spans 5'", LatticeSettings(spans=5.0))
+    by_width = "a model by 'fit --spacing 0.2'", LatticeSettings(spacing=0.2)
+    assert other_lattice(replace(refined, spacing=0.1), 0.5) == by_width
 
 
 def test_a_move_that_inverts_cells_refines_the_lattice_if_that_cures_it(workplace, capsys):
