@@ -159,8 +159,8 @@ def test_bases_across_the_mean_line_across_the_chord_and_slanted_are_no_missing_
         for angle in np.radians([-10.0, 0.0, 10.0]):
             turned = opened @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
             assert Airfoil(turned).base > 0.9 * base
-    with pytest.raises(InputError, match=r"point 39: the last point of a side is missing"):
-        Airfoil(outline[:-1])
+    with pytest.raises(InputError, match=r"point 38: the last point of a side is missing"):
+        Airfoil(outline[:-2])
 
 
 @pytest.mark.parametrize(
