@@ -149,8 +149,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     def setup(self) -> None:
         """Declare the variables."""
         flow, nodes = self.options["flow"], self.options["nodes"]
-        check_on_grid(self, flow, nodes)
-        if self.comm.size == 1:
+        check_in_flow(self)
+        if self.comm.size == 1:  # it is left out on several
             shapes = [tuple(1 + n for n in cells) for cells in flow.faces.layout.shapes]
             check_along_edges(self, GRID, numbered_blocks(shapes), SHARPNESS, digits=None, is_complex=True)
         self._solution = self._converged = self._anchor = self._last_scheme = None
@@ -503,13 +503,18 @@ def declare_solver(options: OptionsDictionary) -> None:
     options.declare("anchored", types=bool, default=False, desc="start from the solution of the last derivatives")
 
 
-def check_on_grid(component: om.Component, flow: FlowGrid, nodes: np.ndarray) -> None:
+def check_in_flow(component: om.Component) -> None:
     """Declare how products of a component of the flow are checked: its kernels are exact under complex steps."""
-    step = central_step(flow.extent(nodes), flow.least_height(nodes))
     check_along_directions(component, SMOOTH_STEP, is_complex=True)
     check_along_directions(component, STATES_STEP, "states", is_complex=True)
-    check_along_directions(component, step, GRID, is_complex=True)
     check_along_directions(component, MACH_STEP, "Mach_number", is_complex=True)
+
+
+def check_on_grid(component: om.Component, flow: FlowGrid, nodes: np.ndarray) -> None:
+    """Declare the same for a component of faces, and one step for all nodes."""
+    step = central_step(flow.extent(nodes), flow.least_height(nodes))
+    check_in_flow(component)
+    check_along_directions(component, step, GRID, is_complex=True)
 
 
 def _complaint(solution: FlowSolution) -> str:
